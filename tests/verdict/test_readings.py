@@ -121,7 +121,7 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
     lattice = as_lattice(centres / camera.sensor.pixel + to_pixel)
     uncut = replace(microlenses_of(lattice, camera), stop=50.0)
     seen = Seen(
-        uncut, np.zeros(9, np.int64), landings - centres,
+        uncut, np.zeros(9, np.int64), np.arange(9), landings - centres,
         np.full((9, 2), 1e-14), np.zeros(9), 0.0, np.ones(9, np.bool_), (0.0, 1e-9), 1e-6,
     )  # fmt: skip
     start = np.array([[0.0, 0.0, 1 / 507.0]])

@@ -116,6 +116,7 @@ def find_dots(
         seen = Seen(
             lenses,
             candidates.dot,
+            candidates.lens,
             away,
             (spots.variance + MODEL_PX**2) * pixel**2,
             _places_unsure(lattice, len(every.rise))[candidates.lens] * pixel,

@@ -32,6 +32,7 @@ class Seen:
     Attributes:
         lenses: the microlens of each.
         dot: number of each spot's dot.
+        lens: number of each spot's lens in the lattice.
         centroids: from the micro-image's centre, shape (n, 2).
         variance: of both coordinates, by noise and the model, shape (n, 2).
         place: standard uncertainty of the micro-image's own centre, shape (n,).
@@ -44,6 +45,7 @@ class Seen:
 
     lenses: Microlenses
     dot: Whole
+    lens: Whole
     centroids: Array
     variance: Array
     place: Array
@@ -62,7 +64,10 @@ class Stand:
         focus: kappa less the camera's.
         shown: what the spots then are.
         spread: standard deviation of each spot's own coordinates, mm, shape (n, 2).
-        covariance: of (values, focus), as spots scatter.
+        covariance: of (values, focus), as spots and lenses scatter.
+        lenses: numbers in the lattice of those that show fitted spots, shape (m,).
+        by_lens: how these move with a standard deviation of each one's place (x, y) and focus,
+            shape (3 dots + 1, 3 m): the spots of several dots in a lens are off together.
         gains: how these move with each counted coordinate, per mm, shape (3 dots + 1, 2 n).
         slopes: how each coordinate moves with these, shape (2 n, 3 dots + 1).
         lags: how the chief ray's place moves with them more than that, the same way.
@@ -76,6 +81,8 @@ class Stand:
     shown: Shown
     spread: Array
     covariance: Array
+    lenses: Whole
+    by_lens: Array
     gains: Array
     slopes: Array
     lags: Array
@@ -118,19 +125,36 @@ def stand_of(seen: Seen, known: Array, start: Array, focus: float) -> Stand:
     freedom = max(float(weights.sum()) - len(free), 0.0)
     excess = max(1.0, float((weights * rest**2).sum()) / freedom) if freedom > 0 else 1.0
     excess = 1 + (excess - 1) * _sure(freedom)
+    gains = inverse @ (rows.T * weights) / spread.reshape(-1)
+    lenses, by_lens = _by_lens(seen, gains, by_centre, here.pupil)
+    scatter = (gains * seen.variance.reshape(-1)) @ gains.T + by_lens @ by_lens.T
     return Stand(
         free[:-1].reshape(-1, 3),
         float(free[-1]),
         here,
         spread,
-        excess * inverse,
-        inverse @ (rows.T * weights) / spread.reshape(-1),
+        excess * scatter + inverse @ np.diag(prior**-2.0) @ inverse,
+        lenses,
+        np.sqrt(excess) * by_lens,
+        gains,
         slopes,
         lags,
         by_centre,
         excess,
         freedom,
     )
+
+
+def _by_lens(seen: Seen, gains: Array, by_centre: Array, pupil: Array) -> tuple[Whole, Array]:
+    """``Stand.lenses`` and ``Stand.by_lens``, the latter as lenses are expected to scatter."""
+    spots = np.flatnonzero(seen.counted)
+    lenses, which = np.unique(seen.lens[spots], return_inverse=True)
+    own = seen.place[:, None, None] * by_centre, seen.focus * pupil[..., None]
+    of_spots = gains.reshape(len(gains), -1, 2)[:, spots]
+    moved = np.einsum("ksi,sij->skj", of_spots, np.concatenate(own, axis=2)[spots])
+    total = np.zeros((len(lenses), len(gains), 3))
+    np.add.at(total, which, moved)
+    return lenses, total.transpose(1, 0, 2).reshape(len(gains), -1)
 
 
 def _formed(seen: Seen, free: Array) -> Shown:

@@ -40,35 +40,44 @@ class Place:
         uncertainty_mm: its standard uncertainties, shape (3,).
         common_mm: how it moves with a standard uncertainty of each thing that all dots share, as
             ``CAUSES`` lists them, shape (3, 17).
+        by_lens_mm: how it moves with a standard deviation of each microlens's own place (x, y) and
+            focus, shape (3, lenses, 3); the lenses are the stand's.
     """
 
     position_mm: Array
     uncertainty_mm: Array
     common_mm: Array
+    by_lens_mm: Array
 
 
 def places_of(found: Found, lattice: Lattice, camera: Camera) -> tuple[Place, ...]:
     """Those of all dots. The camera counts as known."""
     common, stand = _common(found, lattice, camera), found.stand
-    focus = stand.covariance[:, -1] / np.sqrt(stand.covariance[-1, -1])
-    own = stand.covariance - np.outer(focus, focus)
+    lenses = stand.by_lens
+    rest = stand.covariance - lenses @ lenses.T
+    focus = rest[:, -1] / np.sqrt(rest[-1, -1])
+    own = rest - np.outer(focus, focus)
     common = np.concatenate([focus[:, None], common], axis=1)
     limited = bool(microlens_limits(central_smms(camera), 1 / found.distance))
     counted = found.candidates.dot[found.seen.counted]
     placed: list[Place] = []
     for dot, (x, y, vergence) in enumerate(stand.values):
         part = slice(3 * dot, 3 * dot + 3)
-        known = np.sqrt(own[part, part][2, 2]) < WIDEST * abs(vergence)
+        alone = own[part, part] + lenses[part] @ lenses[part].T
+        known = np.sqrt(alone[2, 2]) < WIDEST * abs(vergence)
         if not limited or np.count_nonzero(counted == dot) < 2 or not known:
             nowhere = np.full(3, np.nan)
-            placed.append(Place(nowhere, nowhere, np.full((3, common.shape[1]), np.nan)))
+            none = np.full((3, lenses.shape[1] // 3, 3), np.nan)
+            placed.append(Place(nowhere, nowhere, np.full((3, common.shape[1]), np.nan), none))
             continue
         far = 1 / vergence
         # world: x = (o V)/V, y likewise, z = -1/V
         by = np.array([[far, 0.0, -x * far**2], [0.0, far, -y * far**2], [0.0, 0.0, far**2]])
         shared = by @ common[part]
-        variance = np.diag(by @ own[part, part] @ by.T) + (shared**2).sum(axis=1)
-        placed.append(Place(np.array([x * far, y * far, -far]), np.sqrt(variance), shared))
+        variance = np.diag(by @ alone @ by.T) + (shared**2).sum(axis=1)
+        position = np.array([x * far, y * far, -far])
+        by_lens = (by @ lenses[part]).reshape(3, -1, 3)
+        placed.append(Place(position, np.sqrt(variance), shared, by_lens))
     return tuple(placed)
 
 

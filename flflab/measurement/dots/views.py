@@ -49,6 +49,9 @@ class DotViews:
         common_mm: how it moves with a standard uncertainty of each thing that all dots of the
             picture share: focus, lattice, tilt of the array, and the model's own error; part of
             ``uncertainty_mm``, shape (3, k).
+        lenses: lattice indices of the microlenses that show any dot's spots, shape (m, 2).
+        by_lens_mm: how it moves with a standard deviation of each one's own place (x, y) and
+            focus, which it has in every picture; part of ``uncertainty_mm``, shape (3, m, 3).
         at_limit_px: images whose decision is not sure, shape (m, 2).
         misfit: rms by which spots' light differs from what is expected beyond noise, as a share of
             it.
@@ -65,6 +68,8 @@ class DotViews:
     position_mm: Array
     uncertainty_mm: Array
     common_mm: Array
+    lenses: Whole = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    by_lens_mm: Array = field(default_factory=lambda: np.zeros((3, 0, 3)))
     at_limit_px: Array = field(default_factory=lambda: np.zeros((0, 2)))
     misfit: float = 0.0
     freedom: float = 0.0
@@ -172,6 +177,8 @@ def _views(
         position_mm=place.position_mm,
         uncertainty_mm=place.uncertainty_mm,
         common_mm=place.common_mm,
+        lenses=lattice.indices[found.stand.lenses],
+        by_lens_mm=place.by_lens_mm,
         at_limit_px=found.chief_px[limit],
         misfit=misfit,
         freedom=stand.freedom,

@@ -2,9 +2,13 @@
 the stage put them.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
+from flflab.lens_errors import numbers_of
+from flflab.measurement.dots.views import DotViews
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
@@ -12,7 +16,7 @@ from flflab.optics.smms import image_offset
 from flflab.verdict.properties.fields import useful_row
 from flflab.verdict.properties.measured import Measured
 from flflab.verdict.properties.predicted import Predicted
-from flflab.verdict.properties.values import Values, single
+from flflab.verdict.properties.values import Shared, Values, single
 
 Array = npt.NDArray[np.float64]
 
@@ -56,20 +60,31 @@ def dot_distances(one: Measured, model: Predicted) -> Values:
     common = (
         np.array([dot.common_mm[2] for dot in seen], dtype=np.float64) if seen else np.zeros((0, 1))
     )
-    alone = np.array([dot.uncertainty_mm[2] for dot in seen], dtype=np.float64) ** 2 - (
-        common**2
-    ).sum(axis=1)
+    lenses = np.array([dot.by_lens_mm[2].reshape(-1) for dot in seen]) if seen else np.zeros((0, 0))
+    alone = (
+        np.array([dot.uncertainty_mm[2] for dot in seen], dtype=np.float64) ** 2
+        - (common**2).sum(axis=1)
+        - (lenses**2).sum(axis=1)
+    )
     return Values(
         one.configuration.index,
         "dot_distance_mm",
         "four-dot",
         np.array([-dot.position_mm[2] for dot in seen], dtype=np.float64),
-        np.diag(np.maximum(alone, 0.0)) + common @ common.T,
+        np.diag(np.maximum(alone, 0.0)) + common @ common.T + lenses @ lenses.T,
         read.mean(axis=0),
         read,
         tuple(dot.dot for dot in seen),
         (None,) * len(seen),
+        Shared("lenses of the dots", lenses, _numbers(seen)),
     )
+
+
+def _numbers(seen: list[DotViews]) -> npt.NDArray[np.int64]:
+    """Of the errors in ``by_lens_mm``: three a lens."""
+    if not seen:
+        return np.zeros(0, dtype=np.int64)
+    return (3 * numbers_of(seen[0].lenses)[:, None] + np.arange(3)).reshape(-1)
 
 
 def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
@@ -102,7 +117,7 @@ def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
     virtual = float(read(distance)[0])
     if useful <= 0 or virtual <= 0:
         return []
-    slope = abs(float(read(distance + doubt)[0]) - float(read(distance - doubt)[0])) / 2
+    slope = float(read(distance + doubt)[0] - read(distance - doubt)[0]) / 2
     count = np.ceil(camera.sensor.resolution[0] / lattice.pitch_px)
     edges = 2 * count * max(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px)
     measured = useful / virtual
@@ -110,4 +125,9 @@ def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
     drawn = useful_row(camera, model.inside_radii, model.outside_radii, model.pitches) / pixel
     stretched = 1 + model.parallax_draws[:, [dot.dot for dot in one.dots]].mean(axis=1)
     draws = drawn / depth(offset_read(model) / stretched)
-    return [single(one.configuration.index, "elr_row_px", "four-dot", measured, uncertainty, draws)]
+    shared = distances.shared
+    if shared is not None:
+        by = -measured * slope / virtual / doubt * (weights / weights.sum()) @ shared.by
+        shared = replace(shared, by=by[None])
+    index = one.configuration.index
+    return [single(index, "elr_row_px", "four-dot", measured, uncertainty, draws, shared)]

@@ -25,10 +25,21 @@ class Shared:
         of: what they come from; the same name is the same errors.
         by: how K numbers move with a standard deviation of each of these errors, which are
             independent; shape (K, m).
+        which: numbers that tell which m errors these are, shape (m,); None: the same everywhere.
     """
 
     of: str
     by: Array
+    which: npt.NDArray[np.int64] | None = None
+
+    def covariance(self, other: "Shared") -> Array:
+        """Of numbers with those of another, shape (K, its K)."""
+        if self.of != other.of:
+            return np.zeros((len(self.by), len(other.by)))
+        if self.which is None or other.which is None:
+            return self.by @ other.by.T
+        _, mine, theirs = np.intersect1d(self.which, other.which, return_indices=True)
+        return self.by[:, mine] @ other.by[:, theirs].T
 
 
 @dataclass(frozen=True)
@@ -247,11 +258,6 @@ def joined(values: list[Values]) -> tuple[Array, Array, Array]:
     for here, one in zip(places, values, strict=True):
         noise[here, here] = one.noise
         for there, other in zip(places, values, strict=True):
-            if (
-                other is not one
-                and one.shared
-                and other.shared
-                and one.shared.of == other.shared.of
-            ):
-                noise[here, there] = one.shared.by @ other.shared.by.T
+            if other is not one and one.shared and other.shared:
+                noise[here, there] = one.shared.covariance(other.shared)
     return measured, noise, np.concatenate([one.draws.astype(np.float64) for one in values], axis=1)
