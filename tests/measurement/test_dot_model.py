@@ -54,7 +54,7 @@ def test_the_centroid_of_a_dot_is_that_of_rays_whether_cut_defocused_or_not(
         lens[None] * (1 + CAMERA.gap / 60.0), np.zeros(1), np.zeros(1), np.array([0.917]),
         60.0, CAMERA.gap, 50.0, 6.25, 0.168, 1.0, CAMERA,
     )  # fmt: skip
-    found = shown(microlens, dot[None] / distance, np.array([1 / distance]), diameter)
+    found = shown(microlens, dot[None] / distance, np.array([1 / distance]), diameter / distance)
     centroid, doubt, light = by_rays(CAMERA, lens, dot, distance, diameter)
     assert np.all(np.abs(found.centroid[0] - centroid) < 4 * doubt + 0.0005 * CAMERA.sensor.pixel)
     assert found.light[0] == pytest.approx(light, rel=0.005, abs=0.001)
@@ -68,7 +68,7 @@ def test_where_the_main_lens_limits_the_centroid_is_the_chief_ray_s() -> None:
         lens[None], np.zeros(1), np.zeros(1), np.array([0.917]),
         60.0, camera.gap, 50.0, 0.625, 0.168, 0.0, camera,
     )  # fmt: skip
-    found = shown(microlens, dot[None] / distance, np.array([1 / distance]), 0.1)
+    found = shown(microlens, dot[None] / distance, np.array([1 / distance]), 0.1 / distance)
     centroid, doubt, _ = by_rays(camera, lens, dot, distance, 0.1)
     np.testing.assert_allclose(found.chief, found.centroid, atol=1e-6)
     assert np.all(np.abs(found.centroid[0] - centroid) < 4 * doubt + 1e-6)

@@ -11,7 +11,9 @@ from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import Scene, in_light, one_plane
+from flflab.measurement.dots.scale import scale_of_dots
 from flflab.measurement.dots.views import DotViews, count_views
+from flflab.measurement.lattice.registration import target_scales
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
@@ -205,3 +207,19 @@ def test_what_spoils_a_spot_spoils_no_depth_and_what_leaves_none_is_named(brute:
         depths(dark)
     with pytest.raises(MeasurementError, match="shape"):
         depths(dots[1:])
+
+
+@pytest.mark.parametrize("longer", [0.0, 0.002])
+def test_a_main_lens_that_is_longer_than_described_scales_dots_as_the_bench_has_them(
+    brute: Any, longer: float
+) -> None:
+    """Depth, which it leaves open by many per cent, says nothing of how wide a dot's light is."""
+    nominal, target = brute.camera(5.6, (640, 640)), FourDot(0.8, 3.0)
+    lens = nominal.main_lens
+    real = replace(nominal, main_lens=replace(lens, focal_length=lens.focal_length * (1 + longer)))
+    found = found_in(real, FOCUS, nominal, target)
+    white = lattice_behind(nominal, exact(one_plane(real, White(), FOCUS)), NOISE)
+    scale = scale_of_dots(found, white, nominal, target, FOCUS)
+    assert scale is not None
+    due = target_scales(nominal, FOCUS)[0] / target_scales(real, FOCUS)[0]
+    assert abs(scale.size / due - 1) < 2 * scale.size_uncertainty < 2e-3

@@ -25,6 +25,7 @@ from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
 
 LEAST_LIGHT = 0.15  # of a whole spot's: darker ones say little of where a dot is
 FAINTEST = 1e-3  # the same: darker ones do not matter to others either
@@ -92,13 +93,14 @@ def find_dots(
     reach = radius + widest / 2
     every, kappa = microlenses_of(lattice, camera), _kappa_apart(lattice, camera)
     stands, shift = pose.start(camera, target), kappa[0]
+    wide = target.diameter / pose.distance
     pairs = candidates_near(pose, lattice, camera, target, reach + NEAR_PX)
     # beyond halfway to the next dot a micro-image may show that one
     room = max(target.spacing * size / 2 - reach - BESIDE_PX, 0.0)
     rounds = 0
     while True:
         coarse = rounds < len(SEARCHES)
-        candidates, lenses, expected = _lit(pairs, every, stands, shift, target.diameter)
+        candidates, lenses, expected = _lit(pairs, every, stands, shift, wide)
         due = Due(
             sensor_pixel(camera.sensor, lenses.centres + expected.centroid),
             lattice.centres_px[candidates.lens],
@@ -123,28 +125,39 @@ def find_dots(
             lattice.radii_apart_px * pixel / every.radius,
             spots.whole & (expected.light > LEAST_LIGHT),
             kappa,
-            target.diameter,
+            wide,
         )
         if not seen.counted.any():
             raise _nothing(expected)
         stand = stand_of(seen, pose.start(camera, target), stands, shift)
         moved = np.abs(stand.shown.centroid - expected.centroid).max() / pixel
         stands, shift = stand.values, stand.focus
+        wide = _angular_size(stands, np.unique(candidates.dot[seen.counted]), target) or wide
         if moved < SETTLED_PX or rounds == ROUNDS + len(SEARCHES):
             break
     return Found(candidates, spots, seen, stand, pose.distance, reach, radius)
 
 
 def _lit(
-    candidates: Candidates, every: Microlenses, stands: Array, shift: float, diameter: float
+    candidates: Candidates, every: Microlenses, stands: Array, shift: float, size: float
 ) -> tuple[Candidates, Microlenses, Shown]:
     """The candidates that show any light, their microlenses, and what they show."""
     at = stands[candidates.dot]
     lenses = every.those(candidates.lens).refocused(shift)
-    light = shown(lenses, at[:, :2], at[:, 2], diameter).light > FAINTEST
+    light = shown(lenses, at[:, :2], at[:, 2], size).light > FAINTEST
     candidates, at = candidates.those(light), at[light]
     lenses = every.those(candidates.lens)
-    return candidates, lenses, shown(lenses.refocused(shift), at[:, :2], at[:, 2], diameter)
+    return candidates, lenses, shown(lenses.refocused(shift), at[:, :2], at[:, 2], size)
+
+
+def _angular_size(stands: Array, seen: Whole, target: FourDot) -> float | None:
+    """Diameter of a dot times its vergence by how far apart the dots seen are: a main lens a little
+    longer leaves their depth open by much. None of fewer than two.
+    """
+    if len(seen) < 2:
+        return None
+    apart, due = (np.ptp(at[seen], axis=0) for at in (stands[:, :2], target.centres))
+    return target.diameter * float(np.hypot(*apart) / np.hypot(*due))
 
 
 def _places_unsure(lattice: Lattice, count: int) -> Array:

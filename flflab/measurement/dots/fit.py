@@ -40,7 +40,7 @@ class Seen:
         counted: which spots are fitted.
         kappa: by how much kappa differs from the camera's, as the white picture shows it, and its
             standard uncertainty.
-        diameter: of a dot.
+        size: diameter of a dot times its vergence, rad.
     """
 
     lenses: Microlenses
@@ -52,7 +52,7 @@ class Seen:
     focus: float
     counted: Flags
     kappa: tuple[float, float]
-    diameter: float
+    size: float
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _by_lens(seen: Seen, gains: Array, by_centre: Array, pupil: Array) -> tuple[
 def _formed(seen: Seen, free: Array) -> Shown:
     values = free[:-1].reshape(-1, 3)[seen.dot]
     lenses = seen.lenses.refocused(float(free[-1]))
-    return shown(lenses, values[:, :2], values[:, 2], seen.diameter)
+    return shown(lenses, values[:, :2], values[:, 2], seen.size)
 
 
 def _slopes(seen: Seen, free: Array) -> tuple[Shown, Array, Array]:

@@ -113,14 +113,14 @@ class Shown:
     pupil: Array
 
 
-def shown(lenses: Microlenses, angles: Array, vergences: Array, diameter: float) -> Shown:
+def shown(lenses: Microlenses, angles: Array, vergences: Array, size: float) -> Shown:
     """What microlenses show of a dot each.
 
     Args:
         lenses: n of them.
         angles: (x, y) of the dot times its vergence, rad, shape (n, 2).
         vergences: 1 over its distance, 1/mm, shape (n,).
-        diameter: of the dot, mm.
+        size: diameter of a dot times its vergence, rad.
     """
     away = lenses.distance * (1 + lenses.rise)
     gap = lenses.gap - lenses.distance * lenses.rise
@@ -130,7 +130,7 @@ def shown(lenses: Microlenses, angles: Array, vergences: Array, diameter: float)
     y = lenses.centres * (away / (lenses.distance + lenses.gap))[:, None]
     t = _at_array(angles, vergences, lenses.camera) * away[:, None]
     points, weights = _disc_points()
-    apart = (t - y)[:, None] + points * (diameter / 2 * vergences * away)[:, None, None]
+    apart = (t - y)[:, None] + points * (size / 2 * away)[:, None, None]
     shadow = lenses.stop * np.abs(x)
     area, middle, along, across, turn = _common(lenses.radius, shadow[:, None], apart)
     per_p, per_t = (kappa - gap / away / x)[:, None, None], (gap / away / x)[:, None, None]

@@ -94,9 +94,9 @@ def _common(found: Found, lattice: Lattice, camera: Camera) -> Array:
     if np.isfinite(lattice.covariance_px).all():
         common = lattice.covariance_px if lattice.common_px is None else lattice.common_px
         followed = np.ones(len(lens)) if lattice.followed is None else lattice.followed[lens]
-        shared[..., :6] = by_lattice @ _axes(common)
+        shared[..., :6] = by_lattice @ root(common)
         shared[..., 6:] = followed[:, None, None] * (
-            by_lattice @ _axes(lattice.covariance_px - common)
+            by_lattice @ root(lattice.covariance_px - common)
         )
     tilts = np.zeros((len(lens), 2, 2))
     if lattice.cone is not None:
@@ -114,7 +114,7 @@ def _common(found: Found, lattice: Lattice, camera: Camera) -> Array:
     return stand.gains @ shared.reshape(-1, 16)
 
 
-def _axes(covariance: Array) -> Array:
+def root(covariance: Array) -> Array:
     """A standard deviation along each axis of a covariance, as columns."""
     variances, axes = np.linalg.eigh(covariance)
     return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0)), dtype=np.float64)

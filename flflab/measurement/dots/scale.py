@@ -73,11 +73,9 @@ def scale_of_dots(
         1j,
     ]
     centres = sensor_position(camera.sensor, lattice.centres_px)[lens] @ [1, 1j]
-    doubts = (
-        camera.sensor.pixel
-        * np.hypot(*np.concatenate([dot.centre_uncertainty_px for dot in dots]).T)
-        / math.sqrt(2)
-    )
+    lags = camera.sensor.pixel * np.concatenate([dot.lag_px for dot in dots])
+    both = camera.sensor.pixel * np.concatenate([dot.centre_uncertainty_px for dot in dots])
+    doubts = np.sqrt(((both**2) - (lags**2).sum(axis=2)).mean(axis=1))
     across, along = target_scales(camera, distance)
     # in units of what the camera makes of them
     design = (
@@ -100,6 +98,8 @@ def scale_of_dots(
     left = values - design @ found
     excess = max(1.0, float((np.abs(left) ** 2).sum()) / max(2 * len(left) - 6, 1))
     spread = np.sqrt((np.abs(inverse) ** 2).sum(axis=1) * excess) / size
+    common = inverse @ (np.einsum("nam,a->nm", lags, [1, 1j]) / doubts[:, None]) / size[:, None]
+    spread = np.hypot(spread, np.sqrt((np.abs(common) ** 2).sum(axis=1)))
     outwards = OUTWARDS_PX * camera.sensor.pixel / float(np.std(images - centres))
     spread = np.hypot(spread, outwards)
     return DotScale(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from flflab.errors import MeasurementError
 from flflab.measurement.dots.find import Found, find_dots
-from flflab.measurement.dots.places import CAUSES, Place, places_of
+from flflab.measurement.dots.places import CAUSES, Place, places_of, root
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import SMALLEST_PX, profile_table
 from flflab.measurement.lattice.registration import require_shape
@@ -43,6 +43,8 @@ class DotViews:
             other views.
         centre_uncertainty_px: standard uncertainties of each centre's x and y, shape (n, 2); a
             spot's radius where it was not measured.
+        lag_px: how the centres move with a standard uncertainty of what the fit left open, focus
+            and depth, which all views share; part of the above, shape (n, 2, m).
         position_mm: of the dot in the world (main lens at z = 0, target at negative z), given the
             nominal camera; nan where fewer than two views leave it open, shape (3,).
         uncertainty_mm: its standard uncertainties, shape (3,).
@@ -65,6 +67,7 @@ class DotViews:
     indices: Whole
     centres_px: Array
     centre_uncertainty_px: Array
+    lag_px: Array
     position_mm: Array
     uncertainty_mm: Array
     common_mm: Array
@@ -165,8 +168,8 @@ def _views(
     stand = found.stand
     rest = (found.seen.centroids - stand.shown.centroid)[mine] / pixel
     centres = np.where(measured[:, None], centres + rest, centres)
-    lag = np.einsum("nk,km,nm->n", stand.lags, stand.covariance, stand.lags).reshape(-1, 2)
-    doubts = np.sqrt(stand.excess * stand.spread**2 + lag)[mine] / pixel
+    lag = (stand.lags @ root(stand.covariance)).reshape(len(own), 2, -1)[mine] / pixel
+    doubts = np.sqrt(stand.excess * (stand.spread[mine] / pixel) ** 2 + (lag**2).sum(axis=2))
     return DotViews(
         dot=dot,
         views=len(mine),
@@ -174,6 +177,7 @@ def _views(
         indices=lattice.indices[found.candidates.lens[mine]],
         centres_px=centres,
         centre_uncertainty_px=np.where(measured[:, None], doubts, found.reach_px),
+        lag_px=lag,
         position_mm=place.position_mm,
         uncertainty_mm=place.uncertainty_mm,
         common_mm=place.common_mm,
