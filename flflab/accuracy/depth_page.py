@@ -4,8 +4,6 @@ next to measurement, and the table.
 
 from collections.abc import Sequence
 
-from matplotlib.ticker import NullFormatter, ScalarFormatter
-
 from flflab.accuracy.depth import PLACES, Row
 from flflab.accuracy.drawing import BLUE, GREY, ORANGE, as_svg, sheet
 from flflab.accuracy.page import Page, Picture, Section, Table
@@ -31,7 +29,7 @@ def depth_page(rows: Sequence[Row], camera: str, made: str) -> Page:
                         "Depth error of one dot, triangulated from its views. Line: limit by noise"
                         " in the model. Hollow marks: stated uncertainty (noise, and errors of fits"
                         " to blurred and cut spots). Filled marks: actual error. Grey line: shift"
-                        " caused by 1 um error of the camera file's gap."
+                        " caused by 1 µm error of the camera file's gap."
                     ),
                 ),
                 (
@@ -74,7 +72,7 @@ def depth_table(rows: Sequence[Row]) -> Table:
         "stated",
         "achieved",
         "bias",
-        "1 um of gap",
+        "1 µm of gap",
     )
     cells = tuple(
         (
@@ -94,7 +92,7 @@ def depth_table(rows: Sequence[Row]) -> Table:
 
 def depth_summary(rows: Sequence[Row]) -> Table:
     """What a terminal has room for."""
-    headings = ("distance", "views", "by noise", "stated", "achieved", "1 um gap")
+    headings = ("distance", "views", "by noise", "stated", "achieved", "1 µm gap")
     cells = tuple(
         (
             f"{row.distance_mm:.1f}",
@@ -132,7 +130,7 @@ def _errors(rows: Sequence[Row]) -> str:
             (
                 [(row.distance_mm, row.gap_mm_per_um) for row in rows],
                 {"linestyle": ":", "color": GREY},
-                "1 um of the gap",
+                "1 µm of the gap",
             ),
         ):
             axes.semilogy(
@@ -141,8 +139,6 @@ def _errors(rows: Sequence[Row]) -> str:
         axes.set(
             xlabel="distance of the target, mm", ylabel="depth error, mm", title="depth of a dot"
         )
-        axes.yaxis.set_major_formatter(ScalarFormatter())
-        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.legend(loc="best")
         return as_svg(figure)
 

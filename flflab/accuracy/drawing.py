@@ -4,12 +4,14 @@ SVG as a data URI.
 
 import base64
 import io
+import math
 from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 ORANGE, BLUE, GREEN, PINK, GREY, RED = (
     "#d55e00",
@@ -29,6 +31,9 @@ STYLE: dict[Any, Any] = {
 }  # fmt: skip
 
 
+FEW_DECADES = 2.4  # in so few, powers of ten alone would number an axis once or not at all
+
+
 @contextmanager
 def sheet(width: float, height: float) -> Generator[Figure]:
     """A figure of this size in inches, drawn in the pages' style while it is open."""
@@ -38,8 +43,21 @@ def sheet(width: float, height: float) -> Generator[Figure]:
 
 def as_svg(figure: Figure) -> str:
     """The figure as a data URI; inside ``sheet``."""
+    _number_short_axes(figure)
     text = io.StringIO()
     figure.savefig(
         text, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None}
     )
     return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue().encode()).decode("ascii")
+
+
+def _number_short_axes(figure: Figure) -> None:
+    """1, 2 and 5 of each decade, written out, where a logarithmic axis is short."""
+    for axis in (one for axes in figure.axes for one in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() != "log" or not isinstance(axis.get_major_locator(), LogLocator):
+            continue
+        low, high = sorted(axis.get_view_interval())
+        axis.set_minor_formatter(NullFormatter())
+        if math.log10(high / low) < FEW_DECADES:
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
+            axis.set_major_formatter(lambda value, _: f"{value:g}".replace("e-0", "e-"))

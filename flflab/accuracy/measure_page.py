@@ -5,7 +5,6 @@ uncertainty against error, and the table.
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.ticker import NullFormatter
 
 from flflab.accuracy.drawing import BLUE, GREEN, GREY, ORANGE, PINK, as_svg, sheet
 from flflab.accuracy.measure import (
@@ -152,7 +151,6 @@ def _error_time(rows: Sequence[Row], quantity: str) -> str:
                     markerfacecolor="white",
                     linewidth=0.8,
                 )
-        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="time of camera and processor, s", ylabel="error", title=quantity)
         axes.legend(loc="best")
         return as_svg(figure)
@@ -197,7 +195,8 @@ def _answer(rows: Sequence[Row], quantity: str) -> str:
     best = [row for row in rows if row.quantity == quantity and row.method != CLASSIC]
     one = min((row for row in best if row.frames == 1), key=lambda row: row.rms_error)
     return (
-        f"{quantity}: {'relative ' * (quantity == PITCH)}rms error {one.rms_error:.1e} from one"
+        f"{quantity.capitalize()}: {'relative ' * (quantity == PITCH)}rms error"
+        f" {two_digits(one.rms_error)} from one"
         f" frame of {one.pixels / 1e6:.2g} megapixels ({one.method}), in"
         f" {one.processor_s:.2g} s of processor time."
     )

@@ -62,7 +62,7 @@ def model_page(sweeps: Sequence[Sweep], made: str) -> Page:
                         "Blue: the model holds to 1 % of what the scale names (the blur: to one"
                         " pixel); orange: it does not; the black line lies between. Each panel is"
                         " one real main lens of 50 mm before the paper's array, whose microlenses"
-                        " are plano-convex, 336 um wide, on a plate of 1 mm."
+                        " are plano-convex, 336 µm wide, on a plate of 1 mm."
                     ),
                 ),
                 tuple(
@@ -167,7 +167,7 @@ def _height(excess: Array) -> str:
     """The field height at which the excess first passes 1."""
     beyond = np.flatnonzero(~(excess <= 1))
     if not len(beyond):
-        return f"{FIELDS[-1]:g} or more"
+        return f"≥ {FIELDS[-1]:g}"
     first = int(beyond[0])
     if first == 0:
         return "nowhere"

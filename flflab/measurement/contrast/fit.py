@@ -33,6 +33,7 @@ MORE_BLUR = 0.05  # pixels, added in squares: how what blur does is found
 # of the light; keeps the mean of many dark pixels, almost without noise, from outweighing all
 # others
 MODEL_ERROR = 1e-3
+MOST_HARMONICS = 999  # that a fit looks at
 BLOCK = 4096  # runs whose derivatives are held at a time
 CURVE = GEOMETRY + LIGHT  # first of the curve's parameters: g, then the spline's coefficients
 
@@ -151,7 +152,8 @@ def _wave(
     s, c, twice = np.sin(turn), np.cos(turn), 2.0 * np.cos(2.0 * turn)
     s_before, c_before = -s, c
     h = 1
-    while h == 1 or h * frequency <= ceiling:
+    # off the target's end the law has no frequency, and no end of harmonics
+    while h == 1 or (h < MOST_HARMONICS and 0.0 < h * frequency <= ceiling):
         weight = 4.0 / (np.pi * h) if bars else 1.0
         place = (h * frequency - first) / step
         cell = int(np.floor(place))
