@@ -36,7 +36,7 @@ def image_page(rows: Sequence[Row], made: str) -> Page:
     )
     kept = [row for row in rows if row.requested is not None]
     missed = [row for row in kept if _exceeds(row, "requested")]
-    promise = f"render kept {len(kept) - len(missed)} of the {len(kept)} tolerances asked of it"
+    promise = f"Render kept {len(kept) - len(missed)} of the {len(kept)} tolerances requested"
     above = {
         scene: ", ".join(f"{row.requested:g}" for row in missed if row.scene == scene)
         for scene in scenes
@@ -196,11 +196,12 @@ def _reads(rows: Sequence[Row], scene: str) -> str:
     slope = order([row.work or 1.0 for row in random], [row.rms_error for row in random])
     ours = _of(rows, scene, RENDER)
     cheap, dear = ours[0], ours[-1]
+    slower = _round(dear.processor_s / cheap.processor_s)
+    takes = "takes as long" if slower == "1" else f"takes {slower} times as long"
     return (
-        f"{scene}: from a tolerance of {cheap.requested:g} to {dear.requested:g} render's time"
-        f" rises {_round(dear.processor_s / cheap.processor_s)}-fold; the error of random rays"
-        f" falls as their number to the power {slope:.2f}, so one more digit costs them a hundred"
-        " times the time."
+        f"{scene}: at a tolerance of {dear.requested:g} render {takes} as at"
+        f" {cheap.requested:g}; the error of random rays falls as their number to the power"
+        f" {slope:.2f}, so one more digit costs them a hundred times the time."
     )
 
 

@@ -27,6 +27,9 @@ LEAST_SCATTER_PX = 0.005  # of microlenses about their lattice, px
 FEWEST = 8  # microlenses of a type, for a median
 MOST_SCATTER = 0.08  # robust, of the edges' widths of one type
 MEDIAN_OVER_MEAN = 1.25  # of their standard errors
+# relative: how well the width of edges tells kappa without comparison, in pictures by plain rays
+EDGES_ALONE = 0.005
+AT_ODDS = 3.0  # standard uncertainties from which on something else softens the edges
 UNLIKE = 0.02  # of the pitch: more is another camera's white picture
 
 
@@ -171,13 +174,14 @@ def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
 
 
 def _kinds(white: WhiteLenses) -> tuple[Whole, Array, float]:
-    """Kind of every microlens, its kappa over that of its type, and how uncertain, relative, their
-    median is by chance.
+    """Kind of every microlens, its kappa over that of its type, and how uncertain, relative, what
+    all of a type share is.
 
     A vignetting edge is as wide as d |kappa|, so one that is 2 % wider than its type's has a kappa
     2 % larger. Where the edges scatter more than lenses can, they are not known well enough and
-    every lens gets its type's kappa. Only ratios to the median count: whatever softens all edges,
-    as the mean over unlike lenses does, says nothing of their kappa.
+    every lens gets its type's kappa. The median kappa is that of the camera file but for chance,
+    and as wide as the edges are: both count by how sure they are. Where they are at odds, something
+    else softens the edges, and only their ratios count.
     """
     steps = np.asarray(KAPPA_STEPS)
     kind = white.type * len(steps) + len(steps) // 2
@@ -193,8 +197,18 @@ def _kinds(white: WhiteLenses) -> tuple[Whole, Array, float]:
         spread = 1.48 * float(np.median(np.abs(width / median - 1)))
         if spread > MOST_SCATTER:
             continue
-        relative = np.clip(width / median - 1, steps[0], steps[-1])
+        chance = MEDIAN_OVER_MEAN * spread / count**0.5
+        shared, unsure = _middle(median, chance)
+        relative = np.clip(shared * width / median - 1, steps[0], steps[-1])
         kind[own] = one * len(steps) + np.argmin(np.abs(relative[:, None] - steps), axis=1)
         factor[own] = 1 + relative
-        doubt = max(doubt, MEDIAN_OVER_MEAN * spread / count**0.5)
+        doubt = max(doubt, unsure)
     return kind, factor, doubt
+
+
+def _middle(median: float, chance: float) -> tuple[float, float]:
+    """Median kappa over its type's and its standard uncertainty, by the median width of edges."""
+    if abs(median - 1) > AT_ODDS * math.hypot(chance, EDGES_ALONE):
+        return 1.0, chance
+    share = chance**2 / (chance**2 + EDGES_ALONE**2)
+    return 1 + share * (median - 1), math.sqrt(share) * EDGES_ALONE

@@ -37,7 +37,7 @@ def test_the_image_page_says_how_many_tolerances_were_kept_and_what_random_rays_
     None
 ):
     page = image_page(rows(), "made here")
-    assert page.answers[0] == "render kept 2 of the 2 tolerances asked of it."
+    assert page.answers[0] == "Render kept 2 of the 2 tolerances requested."
     # 0.1 s for a million pixels; random rays: 1 s n for a million pixels, n = 1e6 for an error of
     # 0.001
     assert "a million lit pixels take 0.1 s and have an rms error of 0.001" in page.answers[1]
@@ -48,7 +48,7 @@ def test_the_image_page_says_how_many_tolerances_were_kept_and_what_random_rays_
 
 def test_the_image_page_names_the_scene_and_the_tolerance_that_was_exceeded() -> None:
     page = image_page([*rows(), replace(PLAIN, requested=1e-4, rms_error=0.0004)], "made here")
-    assert page.answers[0] == "render kept 2 of the 3 tolerances asked of it; dim exceeds 0.0001."
+    assert page.answers[0] == "Render kept 2 of the 3 tolerances requested; dim exceeds 0.0001."
     asked, estimated = page.sections[1].pictures
     assert "one picture is further off than requested, at most 4 times as far" in asked.says
     assert estimated.says == "Nothing was estimated."

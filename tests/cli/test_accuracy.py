@@ -37,7 +37,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
                 "first_s",
             },
             6,
-            "tolerances asked of it",
+            "tolerances requested",
             marks=pytest.mark.ci,
         ),
         pytest.param(
