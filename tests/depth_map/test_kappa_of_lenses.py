@@ -1,4 +1,4 @@
-"""How strongly each microlens refracts, by the width of its vignetting edge in the white picture."""
+"""How strongly each microlens refracts, by the width of its edge in the white picture."""
 
 import numpy as np
 import numpy.typing as npt
