@@ -50,15 +50,19 @@ def print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
     """The lattice of a picture of another target."""
     table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
     table.add_row("layout", str(lattice["layout"]))
-    table.add_row("pitch", f"{lattice['pitch_px']:.5f} px")
-    table.add_row("angle", f"{round(lattice['angle_deg'], 5) + 0.0:.5f} deg")
-    table.add_row("origin (x, y)", "{:.4f}, {:.4f} px".format(*lattice["origin_px"]))
-    table.add_row(
-        "inside, outside radius",
-        f"{lattice['inside_radius_px']:.3f}, {lattice['outside_radius_px']:.3f} px",
-    )
+    sure = lattice["uncertainty"]
+    table.add_row("pitch", f"{_sure(lattice['pitch_px'], sure['pitch_px'])} px")
+    table.add_row("angle", f"{_sure(lattice['angle_deg'], sure['angle_deg'])} deg")
+    origin = ", ".join(map(_sure, lattice["origin_px"], sure["origin_px"]))
+    table.add_row("origin (x, y)", f"{origin} px")
+    radii = (_sure(lattice[key], sure[key]) for key in ("inside_radius_px", "outside_radius_px"))
+    table.add_row("inside, outside radius", f"{', '.join(radii)} px")
     table.add_row("micro-images", str(len(lattice["centres_px"])))
     console.print(table)
+
+
+def _sure(value: float, uncertainty: float | None) -> str:
+    return f"{value:.5g}" if uncertainty is None else plus_minus(value, uncertainty)
 
 
 def _add_fields(table: Table, lattice: dict[str, Any]) -> None:
