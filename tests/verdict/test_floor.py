@@ -132,6 +132,14 @@ def test_depth_moves_as_similar_triangles_say(one: Measured) -> None:
     assert found.common_mm[2, 1] == pytest.approx(expected, rel=1e-6)
 
 
+def test_a_dot_of_one_view_is_as_unsure_as_if_its_neighbour_counted_too(one: Measured) -> None:
+    (whole,) = one.dots
+    alone, two = (replace(whole, centres_px=whole.centres_px[4 : 4 + n]) for n in (1, 2))
+    found = [floored(replace(one, dots=(dot,)), position="0.02 px").dots[0] for dot in (alone, two)]
+    assert found[0].common_mm.shape == found[1].common_mm.shape
+    assert found[0].common_mm[2, 1] == pytest.approx(found[1].common_mm[2, 1], rel=0.01)
+
+
 def test_a_frame_without_dots_and_bars_keeps_its_lattice(one: Measured) -> None:
     bare = replace(one, dots=(), curve=None, attitude=None)
     found = floored(bare, contrast=0.002, position="0.02 px", radius="0.05 px")

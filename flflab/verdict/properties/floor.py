@@ -110,14 +110,17 @@ def _dot(dot: DotViews, camera: Camera, distance: float, position: float) -> Dot
     """A dot whose views may lie ``position`` px off, rms, in proportion to where they lie.
 
     The views of a dot lie b/((L + b) |x|) of their micro-images' distances aside of the centres,
-    and D = L/(x - 1 + L/F).
+    and D = L/(x - 1 + L/F). One view counted is a neighbour of those too dark to count, by which
+    its depth is known.
     """
-    if position == 0 or len(dot.centres_px) < 2:
+    if position == 0:
         return dot
     smms = central_smms(camera)
+    step = camera.array.pitch[0] * float(smms.image_scale) / camera.sensor.pixel
+    seen = dot.centres_px if len(dot.centres_px) > 1 else np.array([[0.0, 0.0], [step, 0.0]])
     x = float(image_offset(smms, 1 / distance))
     whole, gap = float(smms.distance + smms.gap), float(smms.gap)
-    share = position / _spread(dot.centres_px) * whole * abs(x) / gap
+    share = position / _spread(seen) * whole * abs(x) / gap
     depth = distance**2 / float(smms.distance) * abs(x) * share
     aside = np.abs(dot.position_mm[:2]) * depth / distance
     moved = np.array([*aside, depth])
