@@ -34,6 +34,7 @@ def test_first_order_is_proposed_to_hold_where_apertures_are_small(camera: Camer
     assert narrow.pitch == pytest.approx(wide.pitch, rel=0.1)  # the main lens's distortion
 
 
+@pytest.mark.ci
 def test_a_camera_twice_as_large_has_the_same_shares(camera: Camera) -> None:
     lens, array, sensor = camera.main_lens, camera.array, camera.sensor
     large = replace(

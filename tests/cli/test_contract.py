@@ -57,6 +57,7 @@ def test_what_is_null_has_a_reason(flflab: Run) -> None:
     assert any("farthest_mm" in key for key in told["reasons"])
 
 
+@pytest.mark.ci
 def test_an_image_is_written_in_units_of_the_white_level_and_measured_again(
     flflab: Run, small_camera: Path, tmp_path: Path
 ) -> None:

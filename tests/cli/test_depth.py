@@ -95,6 +95,7 @@ def test_a_picture_becomes_files_that_hold_its_distance(
     assert "http" not in page
 
 
+@pytest.mark.ci
 def test_a_picture_is_focused_anew_where_it_was_blurred(
     flflab: Run, small_camera: Path, pictures: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -116,6 +116,7 @@ def test_a_picture_that_image_writes_is_measured_as_it_is(
     assert any("next to no noise" in remark for remark in measured["remarks"]) == (not noise)
 
 
+@pytest.mark.ci
 def test_a_white_picture_beside_dots_or_bars_is_where_their_lattice_comes_from(
     flflab: Run, small_camera: Path, tmp_path: Path
 ) -> None:

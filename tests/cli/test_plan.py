@@ -126,6 +126,7 @@ def test_a_bench_file_that_cannot_work_is_refused_with_its_line_before_anything_
     assert f"{file}:{line}: {says}" in ended.err
 
 
+@pytest.mark.ci
 def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_it_open(
     flflab: Run, small_camera: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

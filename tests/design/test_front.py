@@ -48,6 +48,7 @@ def test_it_is_the_same_in_whatever_order_the_points_come(
     assert one.numbers.tolist() == other.numbers.tolist()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("epsilon", [0.01, 0.1])
 def test_everything_seen_is_dominated_within_epsilon_by_something_kept(epsilon: float) -> None:
     values = np.random.default_rng(3).lognormal(size=(5000, 4))

@@ -191,6 +191,7 @@ def slanted_white(gap: float, shape: tuple[int, int], pixel: float) -> Array:
     return (light / 60).reshape(shape[0], 6, shape[1], 6).mean((1, 3))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("shadow_px", [1.0, 4.0])
 def test_beside_the_exit_pupil_the_fall_off_of_slanted_light_does_not_look_like_another_radius(
     shadow_px: float,

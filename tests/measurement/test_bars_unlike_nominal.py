@@ -37,6 +37,7 @@ TRUE = Camera(
 BARS, DISTANCE = Bars((0.3137, 3.0099), 13.24, 11.229), 440.586
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("longer", [0.04, 0.05, -0.1])
 def test_low_bars_alone_lead_no_search_astray(brute: Any, longer: float) -> None:
     """Of bars whose harmonics are not looked at yet a third of what varies is no noise: taken for

@@ -93,6 +93,7 @@ def test_hot_pixels_are_no_spots(brute: Any) -> None:
         assert moved.max() < 1.5
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("target", [White(), Chirp((0.3, 2.0), 40.0, 40.0)])
 def test_what_makes_no_square_is_no_law(brute: Any, target: Target) -> None:
     camera = brute.camera(4.0, RESOLUTION)

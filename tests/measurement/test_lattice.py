@@ -129,6 +129,7 @@ def test_microlenses_off_their_lattice_widen_what_is_stated(brute: Any) -> None:
     assert lattice.pitch_uncertainty_px > 1e-3
 
 
+@pytest.mark.ci
 def test_another_layout_or_pitch_than_described_is_refused() -> None:
     one = camera(4.0, (360, 300), pixel=0.0166)
     white = LEVEL * light(one) + NOISE.offset_dn

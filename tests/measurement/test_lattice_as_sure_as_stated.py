@@ -89,6 +89,7 @@ SEVERAL = Camera(
 )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("columns", [430, 434, 438, 442, 446])
 def test_kinds_that_differ_otherwise_than_described_are_fitted_as_they_are(columns: int) -> None:
     """A gap half a per cent off widens every kind by its own: held as described, radii were 3.5 of

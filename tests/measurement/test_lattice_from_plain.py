@@ -102,6 +102,7 @@ def four_dots_in_a_whole_frame(brute: Any) -> Any:
     return np.maximum(render(scene, tolerance=5e-4), 0.0)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(seed, marks=pytest.mark.ci) for seed in range(2, 4))]
 )

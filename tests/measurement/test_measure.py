@@ -67,6 +67,7 @@ def test_a_radius_or_pitch_that_is_not_the_cameras_is_remarked_on(brute: Any) ->
     )
 
 
+@pytest.mark.ci
 def test_bars_are_measured_on_the_nominal_lattice_and_it_is_said(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     _, bars = brute.bars_picture(camera, 506.7016, (0.5, 10.0), 20.0)
@@ -77,6 +78,7 @@ def test_bars_are_measured_on_the_nominal_lattice_and_it_is_said(brute: Any) -> 
         assert point["contrast"] == pytest.approx(np.sinc(point["cycles_per_px"]), abs=2e-3)
 
 
+@pytest.mark.ci
 def test_dots_and_other_targets(brute: Any) -> None:
     camera = brute.camera(4.0, (1240, 1240))
     target = FourDot(spacing=4.0)

@@ -289,6 +289,7 @@ def test_a_glass_plate_counts_with_its_thickness_over_its_index(
     assert through == pytest.approx((1.15 + 0.6 / 1.5) * slope, rel=1e-8)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("f_number", "layout", "roll"),
     [(1.6, "square", 0.1), (2.0, "hexagonal", 0.0), (2.8, "square", 0.0), (8.0, "square", 0.02)],

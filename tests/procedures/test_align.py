@@ -262,6 +262,7 @@ def test_a_correction_ends_for_a_reason(
     assert why_stop(deviations, doubt, resolution) == reason
 
 
+@pytest.mark.ci
 def test_an_axis_that_turns_the_other_way_is_told_after_its_first_correction(
     full_bench: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -111,6 +111,7 @@ def test_an_axis_whose_limits_begin_beyond_its_reference_goes_to_its_first_place
     assert [frame.distance for frame in run.frames] == pytest.approx([507] * 4, abs=1e-3)
 
 
+@pytest.mark.ci
 def test_a_stage_that_is_pushed_while_frames_are_taken_ends_the_run_before_a_frame_says_otherwise(
     served: Callable[..., Any], tmp_path: Path
 ) -> None:

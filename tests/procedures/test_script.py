@@ -194,6 +194,7 @@ def test_no_picture_is_recorded_while_an_axis_moves_or_has_no_reference(
     assert len(ff.open_run(tmp_path / "still").frames) == 1
 
 
+@pytest.mark.ci
 def test_ctrl_c_in_a_go_stops_what_moves(
     served: Callable[..., Any], until: Callable[..., None]
 ) -> None:

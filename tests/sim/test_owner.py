@@ -466,6 +466,7 @@ def test_a_killed_owner_s_axes_stop_whatever_it_forked(
                 os.killpg(child.pid, signal.SIGKILL)
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(sys.platform == "win32", reason="nothing is forked there")
 @pytest.mark.filterwarnings("ignore:This process")
 def test_a_forked_child_moves_nothing_and_its_end_stops_nothing(slow: tuple[Served, Path]) -> None:

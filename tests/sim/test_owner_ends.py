@@ -98,6 +98,7 @@ def program(file: Path) -> Generator[subprocess.Popen[bytes]]:
             child.kill()
 
 
+@pytest.mark.ci
 @pytest.mark.filterwarnings("ignore:This process")
 def test_a_forked_child_that_closes_the_bench_leaves_it_its_parent_s(
     slow: tuple[Served, Path],
@@ -119,6 +120,7 @@ def test_a_forked_child_that_closes_the_bench_leaves_it_its_parent_s(
         bench.target_stage.move_to(7.9).wait(20)
 
 
+@pytest.mark.ci
 def test_an_owner_whose_files_were_taken_away_moves_nothing_and_takes_away_no_other_s(
     slow: tuple[Served, Path],
 ) -> None:

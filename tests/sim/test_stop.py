@@ -129,6 +129,7 @@ def test_a_stop_returns_when_every_axis_reads_at_rest_and_latches(
         bench.array_stage.move_to(1.0).wait(20)
 
 
+@pytest.mark.ci
 def test_an_owner_that_is_frozen_is_stopped_past_and_moves_nothing_when_it_thaws(
     slow: tuple[Served, Path],
 ) -> None:

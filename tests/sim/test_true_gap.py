@@ -56,6 +56,7 @@ def test_the_true_gap_is_kept_through_homing_and_any_moves(
     assert min(gaps) >= bench.description.minimum_gap
 
 
+@pytest.mark.ci
 def test_the_true_gap_is_kept_by_a_tilting_array_whose_axes_move_together(
     write_bench_file: WriteBench, tmp_path: Path
 ) -> None:
@@ -248,6 +249,7 @@ def test_what_is_stated_to_stand_somewhere_is_kept_clear_of_with_its_uncertainty
     assert bench.description.minimum_gap <= gap < 0.6
 
 
+@pytest.mark.ci
 def test_beside_real_axes_a_simulated_one_keeps_nothing_out_of_the_way(
     write_bench_file: WriteBench, tmp_path: Path
 ) -> None:
@@ -290,6 +292,7 @@ def changed(file: Path, **fields: Any) -> Bench:
 LONG = {"main_lens_stage": {"limits": ["0 mm", "75 mm"]}}  # its travel ends behind the array's
 
 
+@pytest.mark.ci
 def test_the_main_lens_and_the_array_never_meet_homing_included(
     write_bench_file: WriteBench, tmp_path: Path
 ) -> None:

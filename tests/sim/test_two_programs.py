@@ -61,6 +61,7 @@ def least_gap(served: Served, begun: float) -> float:
     return min(served.world.gap(float(instant)) for instant in instants)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("served", [20], indirect=True)
 def test_two_programs_that_approach_each_other_at_once_keep_the_gap(
     served: Served, here: ConnectedBench, elsewhere: ConnectedBench
