@@ -4,8 +4,9 @@ one rejected, is a fault named.
 ``python benchmarks/bench_validation.py WHAT FIRST COUNT FILE`` adds a line of JSON a bench to FILE;
 WHAT is ``ideal`` (lenses all alike, light as rays), ``waves`` (even seeds in light of a wavelength
 that the bench file states), ``real`` (workmanship, halo, shading, distortion and saturation of a
-workshop) or ``fault`` (a real bench and one fault of ``planted_faults.KINDS``; ``plain-fault``: an
-ideal one). ``table FILE ...`` prints what docs/report.md says.
+workshop), ``bare`` (the same, whose bench file states workmanship alone: no floor, no uncertainty
+of the model) or ``fault`` (a real bench and one fault of ``planted_faults.KINDS``;
+``plain-fault``: an ideal one). ``table FILE ...`` prints what docs/report.md says.
 """
 
 import json
@@ -48,12 +49,13 @@ STATED = {  # of a real bench, as ``flflab new bench`` writes it
 }  # fmt: skip
 
 
-def described(bench: Bench, wavelength: float | None, real: bool) -> Bench:
+def described(bench: Bench, wavelength: float | None, what: str) -> Bench:
     """The bench whose file states its light and, where it is real, what workshops leave."""
     light = None
     if wavelength is not None:
         light = LightDescription.model_validate({"wavelength": f"{1e6 * wavelength} nm"})
-    stated = {"light": light, "wavelength": None} | (STATED if real else {})
+    states = {"real": STATED, "fault": STATED, "bare": {"workmanship": STATED["workmanship"]}}
+    stated = {"light": light, "wavelength": None} | states.get(what, {})
     return replace(bench, description=bench.description.model_copy(update=stated))
 
 
@@ -62,11 +64,11 @@ def one_trial(seed: int, what: str) -> dict[str, Any]:
     rng = np.random.default_rng((seed, 2026))
     drawn: Drawn = drawn_camera(rng)
     kind = list(KINDS)[seed % len(KINDS)] if what.endswith("fault") else ""
-    real = what in ("real", "fault")
+    real = what in ("real", "bare", "fault")
     bent = what == "waves" and seed % 2 == 0
     wavelength = float(rng.uniform(450e-6, 650e-6)) if bent else None
     bench, study = drawn_bench(rng, drawn), drawn_study(rng, drawn)
-    bench = described(bench, None if kind == "light not stated" else wavelength, real)
+    bench = described(bench, None if kind == "light not stated" else wavelength, what)
     world = drawn_world(rng, bench, wavelength, real, kind)
     camera, array = drawn.camera, drawn.camera.array
     found: dict[str, Any] = {
