@@ -176,7 +176,7 @@ def test_a_zero_that_is_farther_off_than_stated_is_not_made_up_for_by_the_others
     [
         (1, 0.6),
         (2, -0.3),
-        pytest.param(1, 0.3, marks=pytest.mark.ci),
+        pytest.param(1, 0.3, marks=pytest.mark.full),
         pytest.param(2, -0.15, marks=pytest.mark.ci),
     ],
 )

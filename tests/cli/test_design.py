@@ -28,7 +28,7 @@ def asked(root: Path, tmp_path: Path) -> Callable[..., Path]:
     return make
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_it_leaves_a_page_a_table_and_camera_files(
     asked: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

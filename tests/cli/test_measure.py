@@ -41,7 +41,7 @@ def frames(flflab: Run, small_camera: Path, tmp_path: Path) -> Path:
     return tmp_path / "frames.h5"
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_a_picture_of_a_runs_frames_is_measured_by_its_number(
     flflab: Run, small_camera: Path, frames: Path
 ) -> None:

@@ -55,7 +55,7 @@ def study(tmp_path: Path) -> Path:
     return file
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(300)
 def test_an_honest_bench_is_accepted_and_leaves_its_files(
     flflab: Run,
@@ -268,7 +268,7 @@ def test_a_study_of_one_target_is_judged_by_what_it_shows(
     assert (tmp_path / "run" / "report.html").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(300)
 def test_a_script_validates_as_the_command_does(
     small_bench: Callable[..., Path], study: Path, tmp_path: Path

@@ -68,7 +68,7 @@ SLOW = "black with noise", "of something smooth"
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.kind)
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.ci] if name in SLOW else []) for name in PICTURES],
+    [pytest.param(name, marks=[pytest.mark.full] if name in SLOW else []) for name in PICTURES],
 )
 def test_a_picture_that_shows_no_such_thing_gives_a_sentence_and_no_number(
     brute: Any, name: str, target: Target

@@ -42,9 +42,9 @@ def taken(
     ("f_number", "distance", "aside", "turn", "told"),
     [
         (4.0, 560.0, (2.0, -2.2), -0.5, FOCUS),
-        pytest.param(2.8, 460.0, (0.0, -1.2), 0.3, FOCUS, marks=pytest.mark.ci),
+        pytest.param(2.8, 460.0, (0.0, -1.2), 0.3, FOCUS, marks=pytest.mark.full),
         pytest.param(4.0, FOCUS, (3.0, -1.2), 0.0, FOCUS, marks=pytest.mark.ci),
-        pytest.param(4.0, 640.0, (1.0, -0.2), 0.0, FOCUS, marks=pytest.mark.ci),
+        pytest.param(4.0, 640.0, (1.0, -0.2), 0.0, FOCUS, marks=pytest.mark.full),
         pytest.param(5.6, FOCUS, (3.0, 3.2), 0.2, 900.0, marks=pytest.mark.ci),
         pytest.param(4.0, 470.0, (-3.0, 1.0), 0.7, 1500.0, marks=pytest.mark.ci),
     ],

@@ -100,7 +100,7 @@ def test_stated_intervals_hold_what_they_say_for_random_pictures(
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("clouds", marks=pytest.mark.ci),
+        pytest.param("clouds", marks=pytest.mark.full),
         *("leaves", "noise", "flat", "constant", "dark", "bars"),
     ],
 )

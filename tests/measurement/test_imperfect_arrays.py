@@ -127,7 +127,7 @@ def test_each_view_of_bars_shows_its_own_lens() -> None:
     assert curve.chi2_per_pixel == pytest.approx(1.0, abs=0.2)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.parametrize("combinations", [EVERY[5::6]])
 def test_bars_behind_arrays_as_built_are_measured(
     combinations: list[tuple[float, float, float]],

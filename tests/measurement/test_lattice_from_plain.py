@@ -38,14 +38,16 @@ def camera(layout: Any, roll: float, f_number: float) -> Camera:
     [
         (lattice_from_dots, DOTS, "square", 0.0, 4.0, Falloff()),
         pytest.param(lattice_from_dots, DOTS, "square", 0.0, 4.0, None, marks=pytest.mark.ci),
-        pytest.param(lattice_from_dots, DOTS, "hexagonal", 0.05, 4.0, None, marks=pytest.mark.ci),
+        pytest.param(lattice_from_dots, DOTS, "hexagonal", 0.05, 4.0, None, marks=pytest.mark.full),
         (lattice_from_bars, Bars(), "square", 0.0, 4.0, None),
         pytest.param(
             lattice_from_bars, Bars(), "square", 0.0, 4.0, Falloff(), marks=pytest.mark.ci
         ),
-        pytest.param(lattice_from_bars, Bars(), "hexagonal", 0.05, 4.0, None, marks=pytest.mark.ci),
         pytest.param(
-            lattice_from_bars, Bars(), "square", -0.03, 2.8, None, marks=pytest.mark.ci
+            lattice_from_bars, Bars(), "hexagonal", 0.05, 4.0, None, marks=pytest.mark.full
+        ),
+        pytest.param(
+            lattice_from_bars, Bars(), "square", -0.03, 2.8, None, marks=pytest.mark.full
         ),  # neighbours just overlap
     ],
 )
@@ -104,7 +106,7 @@ def four_dots_in_a_whole_frame(brute: Any) -> Any:
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(seed, marks=pytest.mark.ci) for seed in range(2, 4))]
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.full) for seed in range(2, 4))]
 )
 def test_four_dots_stand_where_they_are_without_a_white_picture_though_they_cover_next_to_nothing(
     brute: Any, four_dots_in_a_whole_frame: Any, seed: int

@@ -107,7 +107,7 @@ def test_dots_before_a_camera_of_another_gap_or_at_another_distance_tell_which(
     assert float(found[2]) == pytest.approx(gap, abs=0.005)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_turned_dots_are_remarked_on_and_half_a_per_cent_is_not(brute: Any) -> None:
     assert any(
         "turned by 1.15 deg" in remark for remark in dots_remarked_on(brute, 1.15, 506.7016, 0.02)
@@ -208,7 +208,7 @@ def test_variance_is_shot_read_and_rounding() -> None:
         SensorNoise(0.0, 1.0, 0.0, 100.0)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_dots_where_every_micro_image_is_overlapped_are_counted_with_the_nominal_lattice(
     brute: Any,
 ) -> None:

@@ -345,7 +345,7 @@ def test_a_misaligned_bench_is_straightened_over_the_wire(
     assert {name for name, _ in read_documents(tmp_path / "run")} >= {"start", "event", "stop"}
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_backlash_does_not_keep_the_loop_from_closing(
     full_bench: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -76,7 +76,7 @@ class TickingClock:
             self._thread.join()
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(300)
 def test_a_run_takes_as_long_as_its_plan_says_within_a_tenth(
     write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -229,7 +229,7 @@ def test_a_description_that_is_edited_while_the_bench_is_connected_begins_no_run
         ).close()
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_the_seed_given_replaces_the_bench_files(
     served: Callable[..., Any], write: Callable[..., tuple[Path, Path]], tmp_path: Path
 ) -> None:
