@@ -41,10 +41,18 @@ def folder_camera(served: Served) -> Camera:
 
 
 OPEN: dict[str, Callable[[Served], Camera]] = {"scpi": scpi_camera, "folder": folder_camera}
-CASES = [(driver, fault) for driver, faults in CAMERA_FAULTS.items() for fault in faults]
+SLOW = "silence", "cut", "garbage"  # of a camera that leaves files
+CASES = [
+    pytest.param(
+        driver,
+        fault,
+        marks=pytest.mark.full if driver == "folder" and fault in SLOW else pytest.mark.ci,
+    )
+    for driver, faults in CAMERA_FAULTS.items()
+    for fault in faults
+]
 
 
-@pytest.mark.ci
 @pytest.mark.parametrize(("driver", "fault"), CASES)
 def test_a_fault_ends_in_recovery_or_one_error_and_no_frame_comes_twice(
     write_bench_file: WriteBench, driver: str, fault: str
