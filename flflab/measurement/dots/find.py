@@ -156,8 +156,10 @@ def _angular_size(stands: Array, seen: Whole, target: FourDot) -> float | None:
     """
     if len(seen) < 2:
         return None
-    apart, due = (np.ptp(at[seen], axis=0) for at in (stands[:, :2], target.centres))
-    return target.diameter * float(np.hypot(*apart) / np.hypot(*due))
+    apart, due = (
+        np.linalg.norm(at[seen] - at[seen].mean(axis=0)) for at in (stands[:, :2], target.centres)
+    )
+    return target.diameter * float(apart / due)
 
 
 def _places_unsure(lattice: Lattice, count: int) -> Array:
