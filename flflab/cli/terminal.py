@@ -48,7 +48,10 @@ class Terminal(Console):
             for _ in range(2):
                 row.add_column(overflow="fold")
             for head, cell in zip(heads, cells, strict=True):
-                row.add_row(head, cell)
+                if head:
+                    row.add_row(head, cell)
+                else:  # what the row is about
+                    self.print(cell, style="bold", highlight=False)
             self.print(row, "")
 
     def _holds(self, table: Table) -> bool:
