@@ -87,7 +87,9 @@ GAIN_ROUNDS = 4
 WAVES_ERROR = (
     2e-4  # of contrast: what the fit leaves of bars in light of a wavelength, without noise
 )
-PHASE_ERROR = 1e-4  # of contrast, where views have their own places
+# of contrast, frequency by frequency, where views have their own places and blurs: what is left
+# beside the true focal lengths and tilt
+PHASE_ERROR = 5e-4
 MOST_LOST = 0.007  # of the light over one edge: nearer to it, what is lost follows the bars
 # of the light that diffraction takes over a target's edges: how dark it is beyond them is not known
 # better

@@ -42,6 +42,7 @@ CLEARLY = 3.0  # standard deviations of chi squared by which views must differ
 MOST_STEPS, SETTLED = 15, 2e-4
 MOST_WIDER = 3.0  # px^2 by which a step may change the square of a disc
 GOOD = 0.4  # logarithm of the misfit, in the mean of views: then no other start is tried
+LEAST_GAIN = 0.05  # of chi squared in all: then a fit has ended
 SHORTER = (1.0, 0.3, 0.1, 0.03)  # shares of a step, the first that helps
 STRENGTH = 0.02  # of the template's over the whole transfer's
 FARTHEST = 5.0  # of the spread of views that a single one may be off
@@ -229,7 +230,8 @@ def _settled(
             usual = STRANGE * float(np.median(misfit))
             views = replace(views, excess=np.maximum(1.0, misfit / usual))
             sums = _sums(data, views, model, fit)
-        if step > 3 and (moved < SETTLED or _misfit(sums) > 0.999 * before):
+        gained = (before - _misfit(sums)) * len(data.read)
+        if step > 3 and (moved < SETTLED or gained < LEAST_GAIN):
             break
     return views, model, fit
 
