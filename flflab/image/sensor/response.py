@@ -3,15 +3,14 @@ own faults.
 """
 
 import math
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.image.bands import in_bands
 from flflab.image.effects.dark_current import DarkCurrent
 from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.fixed_pattern import FixedPattern
@@ -90,13 +89,15 @@ def digitise(
     numbers = np.empty(image.shape, dtype=np.uint16)
     most = response.quantisation.full_scale
 
-    def read(rows: slice) -> None:
-        signal = _signal(
-            image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1])
-        )
-        numbers[rows] = np.clip(np.rint(signal, out=signal), 0, most, out=signal)
+    def read(first: int, last: int) -> Iterator[None]:
+        for rows in _few(first, last):
+            signal = _signal(
+                image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1])
+            )
+            numbers[rows] = np.clip(np.rint(signal, out=signal), 0, most, out=signal)
+            yield
 
-    _in_bands(read, len(image))
+    in_bands(read, len(image))
     return numbers
 
 
@@ -114,12 +115,14 @@ def read_out(
     _check(image.shape, electrons_at_white, corner)
     signal = np.empty(image.shape)
 
-    def read(rows: slice) -> None:
-        signal[rows] = _signal(
-            image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1])
-        )
+    def read(first: int, last: int) -> Iterator[None]:
+        for rows in _few(first, last):
+            signal[rows] = _signal(
+                image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1])
+            )
+            yield
 
-    _in_bands(read, len(image))
+    in_bands(read, len(image))
     return signal
 
 
@@ -136,15 +139,10 @@ def _check(shape: tuple[int, ...], electrons_at_white: float, corner: tuple[int,
         )
 
 
-def _in_bands(read: Callable[[slice], None], rows: int) -> None:
-    """Call ``read`` for bands of rows, on all cores."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(
-            pool.map(
-                read,
-                (slice(first, min(first + BAND_ROWS, rows)) for first in range(0, rows, BAND_ROWS)),
-            )
-        )
+def _few(first: int, last: int) -> Iterator[slice]:
+    """Rows worked through together."""
+    for start in range(first, last, BAND_ROWS):
+        yield slice(start, min(start + BAND_ROWS, last))
 
 
 def _signal(
