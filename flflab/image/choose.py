@@ -202,9 +202,9 @@ def _costs(
     nothing.
     """
     costs = {name: effect.cost(regime) for name, effect in present.items()}
-    by_rays = path_of(scene, tolerance) == "rays"
+    by_rays = path_of(scene, tolerance)[0] == "rays"
     for name in present.keys() & set(PATH):
-        needed = by_rays and path_of(without(scene, ALL - {name}), tolerance) != "rays"
+        needed = by_rays and path_of(without(scene, ALL - {name}), tolerance)[0] != "rays"
         costs[name] = costs[name] if needed else 0.0
     return costs
 
