@@ -43,11 +43,14 @@ class EffectsDescription(Description):
 class SimulatedDescription(Description):
     """What only a simulated bench reads: seed, clock rate, planted truths and faults, its targets
     by kind, its light and sensor, and what its optics do beside first order.
+
+    ``drift`` is how fast axes move away by themselves, by name and speed.
     """
 
     seed: Annotated[int, Field(ge=0)] = 0
     clock: Annotated[float, Field(gt=0)] = 1.0
     truths: dict[str, str | float] = {}
+    drift: dict[str, str | float] = {}
     faults: list[FaultDescription] = []
     targets: dict[str, dict[str, Any]] = {}
     electrons_per_second: Annotated[float, Field(gt=0)] = 1e6
