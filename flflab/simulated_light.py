@@ -11,13 +11,16 @@ from flflab.errors import InputError
 from flflab.image.accuracy import LEAST_TOLERANCE
 from flflab.image.choose import Choice, choose
 from flflab.image.cost import predicted_seconds
+from flflab.image.effects.columns import Columns
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.gamma import Gamma
 from flflab.image.effects.halo import Halo
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.second_stop import SecondStop
 from flflab.image.effects.shading import Shading
+from flflab.image.effects.soft_rims import SoftRims
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.path import path_of
 from flflab.image.scene import Plane, Scene, without
@@ -134,6 +137,8 @@ def light_scenes(
         brightness=built.microlens_brightness,
         aperture_decentre=built.aperture_decentre,
     )
+    ring, seed = described.second_stop, bench.description.simulated.seed
+    columns = Columns(described.column_gain, described.tap_gain, seed=seed)
     for wavelength, weight in lines_of(bench.description.spectrum):
         yield (
             Scene(
@@ -147,6 +152,9 @@ def light_scenes(
                 shading=Shading(described.shading) if described.shading else None,
                 halo=Halo(described.halo, described.halo_radius) if described.halo else None,
                 gamma=Gamma(described.gamma) if described.gamma != 1 else None,
+                second_stop=SecondStop(ring.distance, ring.diameter) if ring else None,
+                soft_rims=SoftRims(described.soft_rims) if described.soft_rims else None,
+                columns=columns if columns.column or columns.tap else None,
             ),
             weight,
         )

@@ -9,6 +9,7 @@ from flflab.errors import InputError
 from flflab.image.effects.dark_current import DarkCurrent
 from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.fixed_pattern import FixedPattern
+from flflab.image.effects.hot_pixels import HotPixels
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
@@ -105,6 +106,18 @@ def test_dark_current_gathers_with_shot_noise_of_its_own() -> None:
     assert dark.mean() == pytest.approx(25.0, abs=4 * math.sqrt(25 / dark.size))
     assert dark.var() == pytest.approx(25.0, rel=4 * math.sqrt(2.04 / dark.size))
     assert np.all(dark == np.rint(dark))
+
+
+def test_hot_pixels_stay_where_they_are_and_gather_exponential_numbers_of_electrons() -> None:
+    response = replace(QUIET, hot_pixels=HotPixels(0.1, 400.0, seed=2))
+    first, again = (
+        read_out(np.zeros((300, 300)), 1000.0, response, noise_key(frame)) for frame in (1, 2)
+    )
+    assert np.array_equal(first, again)
+    hot = first[first > 0]
+    assert hot.size == pytest.approx(9000, abs=4 * 90)
+    assert hot.mean() == pytest.approx(400, rel=4 / math.sqrt(hot.size))
+    assert np.median(hot) == pytest.approx(400 * math.log(2), rel=5 / math.sqrt(hot.size))
 
 
 def test_the_fixed_pattern_stays_from_frame_to_frame_and_has_the_spreads_it_says() -> None:

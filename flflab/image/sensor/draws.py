@@ -44,6 +44,10 @@ class Draws:
         """Whether a pixel is among this share of all, by stream 0."""
         return (self.first >> np.uint64(11)).astype(np.float64) < share * 2.0**53
 
+    def exponential(self) -> Array:
+        """Exponential numbers of mean 1, of stream 1."""
+        return -np.log(1 - (self.second >> np.uint64(11)).astype(np.float64) * 2.0**-53)
+
     @property
     def coin(self) -> npt.NDArray[np.bool_]:
         """A toss of a coin, by stream 1."""

@@ -14,6 +14,7 @@ from flflab.image.bands import in_bands
 from flflab.image.effects.dark_current import DarkCurrent
 from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.fixed_pattern import FixedPattern
+from flflab.image.effects.hot_pixels import HotPixels
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
@@ -38,6 +39,7 @@ class SensorResponse:
         read_noise: the noise of reading.
         dark_current: electrons without light.
         fixed_pattern: gain and offset of every pixel.
+        hot_pixels: pixels that gather more electrons in the dark.
         dead_pixels: pixels that are stuck.
     """
 
@@ -47,6 +49,7 @@ class SensorResponse:
     read_noise: ReadNoise | None = field(default_factory=ReadNoise)
     dark_current: DarkCurrent | None = None
     fixed_pattern: FixedPattern | None = None
+    hot_pixels: HotPixels | None = None
     dead_pixels: DeadPixels | None = None
 
     @property
@@ -162,6 +165,10 @@ def _signal(
         offset = pattern.offset * own.normal(1)
     if response.dark_current is not None:
         means += response.dark_current.electrons
+    if response.hot_pixels is not None and response.hot_pixels.share > 0:
+        hot = response.hot_pixels
+        own = draw(light.shape, corner, noise_key(hot.name, hot.seed))
+        means += hot.electrons * own.chosen(hot.share) * own.exponential()
     if means.size and not (means.min() >= 0 and means.max() < MOST_ELECTRONS):
         raise InputError(
             f"digitise: the image is negative, not finite, or beyond {MOST_ELECTRONS:g} electrons"
