@@ -20,13 +20,13 @@ from flflab.image.scene import ALL
 
 RESOLUTION = (48, 36)
 PIXELS = 12
+UNSURE = TOLERANCE / 5  # standard uncertainty of a traced pixel
 
 
 def error_of(seed: int) -> tuple[str, float] | None:
     """By which path a scene is formed, and its error over what is promised; None where it is dark.
 
-    The error is the root mean square over the pixels of what four uncertainties of the reference
-    leave.
+    The error is the root mean square over the pixels, less that of the reference's uncertainties.
     """
     scene = replace(random_scene(np.random.default_rng([seed, 9]), RESOLUTION), diffraction=None)
     light = render_light(scene, TOLERANCE, ALL)
@@ -35,9 +35,9 @@ def error_of(seed: int) -> tuple[str, float] | None:
         return None
     chosen = lit[np.random.default_rng(seed).integers(0, len(lit), PIXELS)]
     mean = float(render(replace(scene, stray_light=None, colour_filter=None)).mean())
-    traced, unsure = trace_pixels(scene, chosen[:, ::-1], wanted=TOLERANCE / 10, mean_light=mean)
-    apart = np.abs(light.image[chosen[:, 0], chosen[:, 1]] - traced)
-    rms = float(np.sqrt(np.mean(np.maximum(apart - 4 * unsure, 0.0) ** 2)))
+    traced, unsure = trace_pixels(scene, chosen[:, ::-1], wanted=UNSURE, mean_light=mean)
+    squares = (light.image[chosen[:, 0], chosen[:, 1]] - traced) ** 2 - unsure**2
+    rms = float(np.sqrt(max(np.mean(squares), 0.0)))
     return light.path, rms / max(TOLERANCE, light.pilot.rms if light.pilot else 0.0)
 
 
