@@ -4,23 +4,29 @@ how long that takes. The report states it from the same functions.
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from flflab.bench import Bench
 from flflab.errors import InputError
 from flflab.image.accuracy import LEAST_TOLERANCE
 from flflab.image.choose import Choice, choose
 from flflab.image.cost import predicted_seconds
+from flflab.image.effects.columns import Columns
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.gamma import Gamma
 from flflab.image.effects.halo import Halo
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.second_stop import SecondStop
 from flflab.image.effects.shading import Shading
+from flflab.image.effects.soft_rims import SoftRims
 from flflab.image.effects.stray_light import StrayLight
-from flflab.image.scene import Plane, Scene
+from flflab.image.path import path_of
+from flflab.image.scene import Plane, Scene, without
 from flflab.optics.camera import Camera
 from flflab.optics.light import lines_of
+from flflab.study import Study
 from flflab.targets import Target, White
 
 SHARE = 0.1  # of a frame's uncertainty: what its drawing may add
@@ -31,6 +37,85 @@ ALIKE = {White.kind: 1000.0}
 ALIKE_ELSE = 4.0
 COARSEST = 0.02  # of white
 DEAREST = 20.0  # s that drawing one frame may take
+ON_THIS_MACHINE = ("simulated", "127.0.0.1", "localhost", "[::1]")
+
+
+@dataclass(frozen=True)
+class DrawnEffect:
+    """One effect of the light: whether frames hold it, how large it is in ``unit`` and most that
+    it changes, of white (None: without bound), and why.
+    """
+
+    name: str
+    on: bool
+    size: float | None
+    unit: str
+    bound: float | None
+    why: str
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How the simulated camera draws a target in some configurations.
+
+    Attributes:
+        target: its kind.
+        configurations: their numbers; sizes are those of the first.
+        tolerance: asked for, root mean square of white.
+        path: closed forms, rays or waves.
+        why_path: what decided that.
+        effects: those that the scene has.
+        absent: names of the others.
+    """
+
+    target: str
+    configurations: tuple[int, ...]
+    tolerance: float
+    path: str
+    why_path: str
+    effects: tuple[DrawnEffect, ...]
+    absent: tuple[str, ...]
+
+
+def is_simulated(address: str) -> bool:
+    """Whether a device's address leads to a simulator on this machine."""
+    return any(word in address for word in ON_THIS_MACHINE)
+
+
+def drawings(bench: Bench, study: Study) -> tuple[Drawing, ...]:
+    """What the simulated camera decides to draw of a study, worked out for the optics and places
+    as described; configurations that are drawn alike share an entry.
+    """
+    found: dict[tuple[object, ...], Drawing] = {}
+    shown = [one for one in (study.dots, study.bars) if one.kind in study.shown]
+    for target in (White(), *shown):
+        for one in study.configurations:
+            camera = one.camera(bench.optics)
+            scene, _ = next(light_scenes(bench, camera, target, one.distance))
+            drawing = _drawing(bench, scene, one.index)
+            key = drawing.target, drawing.path, tuple(e.name for e in drawing.effects if e.on)
+            known = found.setdefault(key, drawing)
+            if known is not drawing:
+                alike = (*known.configurations, one.index)
+                found[key] = replace(known, configurations=alike)
+    return tuple(found.values())
+
+
+def _drawing(bench: Bench, scene: Scene, index: int) -> Drawing:
+    choice, target = chosen(bench, scene), scene.planes[0].target
+    path, why = path_of(without(scene, choice.formed), choice.tolerance, choice.formed)
+    effects = tuple(
+        DrawnEffect(one.name, one.on, _finite(one.size), one.unit, _finite(one.bound), one.why)
+        for one in choice.decisions
+        if one.size is not None
+    )
+    absent = tuple(one.name for one in choice.decisions if one.size is None)
+    tolerance = drawing_tolerance(bench, target)
+    return Drawing(target.kind, (index,), tolerance, path, why, effects, absent)
+
+
+def _finite(number: float | None) -> float | None:
+    return number if number is not None and math.isfinite(number) else None
 
 
 def light_scenes(
@@ -52,6 +137,8 @@ def light_scenes(
         brightness=built.microlens_brightness,
         aperture_decentre=built.aperture_decentre,
     )
+    ring, seed = described.second_stop, bench.description.simulated.seed
+    columns = Columns(described.column_gain, described.tap_gain, seed=seed)
     for wavelength, weight in lines_of(bench.description.spectrum):
         yield (
             Scene(
@@ -65,6 +152,9 @@ def light_scenes(
                 shading=Shading(described.shading) if described.shading else None,
                 halo=Halo(described.halo, described.halo_radius) if described.halo else None,
                 gamma=Gamma(described.gamma) if described.gamma != 1 else None,
+                second_stop=SecondStop(ring.distance, ring.diameter) if ring else None,
+                soft_rims=SoftRims(described.soft_rims) if described.soft_rims else None,
+                columns=columns if columns.column or columns.tap else None,
             ),
             weight,
         )

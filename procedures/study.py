@@ -11,6 +11,7 @@ from bluesky import Msg
 
 from drivers.bench import ConnectedBench
 from flflab.record import RECORD_SCHEMA, TEMPERATURES, Recording, versions
+from flflab.simulated_light import drawings, is_simulated
 from flflab.study import Study
 from procedures.engine import perform
 from procedures.steps import most_frames, steps
@@ -63,8 +64,9 @@ def begin_recording(bench: ConnectedBench, study: Study, folder: Path) -> Record
 
 def metadata(bench: ConnectedBench, study: Study, count: int) -> dict[str, Any]:
     """What the start document of a study's run says beside the procedure's name."""
-    camera = bench.camera
-    warmth = bench.described.description.temperature.range
+    camera, described = bench.camera, bench.described
+    warmth = described.description.temperature.range
+    simulated = is_simulated(described.description.camera.address)
     return {
         "record_schema": RECORD_SCHEMA,
         TEMPERATURES: None if warmth is None else list(warmth),
@@ -77,6 +79,9 @@ def metadata(bench: ConnectedBench, study: Study, count: int) -> dict[str, Any]:
             "offset_dn": camera.offset_dn, "full_scale_dn": camera.full_scale,
         },
         "devices": [row._asdict() for row in bench.identities()],
-        "seed": bench.described.description.simulated.seed,
+        "seed": described.description.simulated.seed,
         "software": versions(),
+        "simulated_light": (
+            [asdict(one) for one in drawings(described, study)] if simulated else None
+        ),
     }  # fmt: skip

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.image.effects.hot_pixels import HotPixels
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
@@ -303,7 +304,12 @@ class SimulatedCamera:
         key = noise_key(
             self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat
         )
-        return digitise(picture, electrons, self.response(exposure.gain), key)
+        response = self.response(exposure.gain)
+        if self._light.hot_pixels:
+            more = self._light.hot_electrons_per_second * exposure.duration
+            hot = HotPixels(self._light.hot_pixels, more, self._world.seed)
+            response = replace(response, hot_pixels=hot)
+        return digitise(picture, electrons, response, key)
 
     def _picture(self, scene: Scene) -> npt.NDArray[np.float64]:
         """The scene without noise in units of white level; drawn once for a state of the world."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from flflab.files.raw import write_raw
+from flflab.image.bands import GivenUpError, given_up_when
 from flflab.image.sensor.raw_picture import raw_picture
 from sim.camera import SimulatedCamera
 from sim.scpi import ScpiError, decimal
@@ -49,10 +50,10 @@ class FolderLine:
 
     def _serve(self) -> None:
         last, faults = "", self.camera.faults
+        request = self._folder / "request.json"
         while not self._ended.wait(POLL):
             if late := faults.late_answer():
                 self._write(last, late)
-            request = self._folder / "request.json"
             try:
                 wanted = json.loads(request.read_text(encoding="utf-8"))
                 request.unlink()
@@ -60,11 +61,12 @@ class FolderLine:
                 continue
             last = f"frame-{wanted['number']:06d}.dng"
             try:
-                self._answer(last, wanted)
+                with given_up_when(lambda: self._ended.is_set() or request.exists()):
+                    self._answer(last, wanted)
             except HangUpError:
                 shutil.rmtree(self._folder, ignore_errors=True)
                 return
-            except ScpiError:  # no frame: a camera behind a folder has no way to say so
+            except (ScpiError, GivenUpError):  # no frame, and no way to say so
                 continue
 
     def _answer(self, name: str, wanted: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ import stat
 import sys
 import threading
 from collections.abc import Callable, Collection, Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import yaml
 
 from flflab.bench import Bench, DeviceDescription, fields_of
 from flflab.errors import InputError, reason
+from flflab.image.bands import GivenUpError, given_up_when
 from sim.camera import SimulatedCamera
 from sim.clock import Clock, RunningClock
 from sim.faults import Faults
@@ -52,9 +53,11 @@ class Served:
     scpi: tuple[Address, ...]
     faults: Mapping[str, Faults]
     stages: Mapping[str, Remembers]
+    ended: threading.Event = field(default_factory=threading.Event)
 
     def stop(self) -> None:
-        """Close every line; no thread is left."""
+        """Close every line; no thread is left, and what is being drawn is given up."""
+        self.ended.set()
         for address in self.scpi:
             address.ended.set()
         for line in self.lines:
@@ -235,7 +238,10 @@ def warm_up(served: Served, then: Callable[[], object] = lambda: None) -> thread
     def draw() -> None:
         # Pools take no work once the interpreter ends; what else fails, fails again when a frame is
         # asked for.
-        with contextlib.suppress(RuntimeError):
+        with (
+            contextlib.suppress(RuntimeError, GivenUpError),
+            given_up_when(served.ended.is_set),
+        ):
             try:
                 for camera in cameras:
                     camera.warm_up()

@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from flflab.image.bands import GivenUpError, given_up_when
+
 POLL = 0.02  # s between looks for something to say unasked, and for the end
 
 
@@ -98,10 +100,14 @@ class TcpLine:
                         data = client.recv(65536)
                         if not data:
                             return
-                        _send(client, session.receive(data), self._ended)
+                        with given_up_when(lambda: self._ended.is_set() or has_gone(client)):
+                            answer = session.receive(data)
+                        _send(client, answer, self._ended)
                     _send(client, session.unasked(), self._ended)
                 except HangUpError as pulled:
                     self._back = time.monotonic() + pulled.away
+                    return
+                except GivenUpError:  # nobody waits for the picture
                     return
 
     def stop(self) -> None:
@@ -111,6 +117,17 @@ class TcpLine:
         self._listener.close()
         for client in self._clients:
             client.join()
+
+
+def has_gone(client: socket.socket) -> bool:
+    """Whether a client has closed its side of the line and said nothing more before."""
+    try:
+        readable, _, _ = select.select([client], [], [], 0)
+        return bool(readable) and not client.recv(1, socket.MSG_PEEK)
+    except TimeoutError:
+        return False
+    except (OSError, ValueError):  # reset, or closed here
+        return True
 
 
 def _send(client: socket.socket, data: bytes, ended: threading.Event) -> None:

@@ -145,6 +145,7 @@ class World:
         self.clock = clock
         self.seed = simulated.seed
         check_truths(bench)
+        self._drift, self._began = drifts(bench), clock.now()
         self.optics = true_optics(bench, simulated.truths)
         left_at = {
             "main_lens.z": 0.0,
@@ -232,6 +233,7 @@ class World:
         with self.lock:
             moved = {
                 axis.moves: axis.world(self.carriages[name].at(instant))
+                + self._drift.get(name, 0.0) * (instant - self._began)
                 + (axis.moves in get_args(Element))
                 * self._stage_repeats
                 * self._anew(name, instant)
@@ -434,6 +436,27 @@ def check_truths(bench: Bench) -> None:
             parse_quantity(given, allowed[name])
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
+
+
+def drifts(bench: Bench) -> dict[str, float]:
+    """How fast the elements of some axes move along z by themselves, mm/s, by the axes' names.
+
+    Raises:
+        InputError: there is no such axis, it turns the array, or no speed is given.
+    """
+    elements = [
+        name for name, axis in bench.description.axes.items() if axis.moves in get_args(Element)
+    ]
+    found: dict[str, float] = {}
+    for name, given in bench.description.simulated.drift.items():
+        where = bench.where("simulated", "drift", name)
+        if name not in elements:
+            raise InputError(f"{where}: nothing drifts there; allowed: {', '.join(elements)}")
+        try:
+            found[name] = parse_quantity(given, "speed")
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
+    return found
 
 
 def sharp_distance(optics: Camera) -> float:

@@ -8,7 +8,7 @@ lets closed forms take the place of rays saves the difference.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from flflab.errors import InputError
 from flflab.image.accuracy import FAST, LEAST_TOLERANCE, LEFT_OUT, check_tolerance, for_forming
@@ -21,39 +21,15 @@ from flflab.image.effects.pixel import Pixel
 from flflab.image.effects.vignetting import Vignetting
 from flflab.image.path import path_of
 from flflab.image.regime import Regime
-from flflab.image.scene import ALL, Scene, without
+from flflab.image.scene import ALL, DESCRIBED, Scene, without
+from flflab.image.sensor.response import SensorResponse
 from flflab.image.survey import survey
 
 LEVELS = ("auto", "fast", "reference")
 WORTH = 0.1  # of the time: what saves less is not left out
 PATH = ("distortion", "misalignment", "motion")  # effects for whose sake a scene may need rays
-LIGHT = (
-    "defocus",
-    "vignetting",
-    "overlap",
-    "pixel",
-    "diffraction",
-    "falloff",
-    "distortion",
-    "misalignment",
-    "occlusion",
-    "scatter",
-    "stray-light",
-    "colour-filter",
-    "motion",
-    "shading",
-    "halo",
-    "gamma",
-)
-NOISE = (
-    "shot-noise",
-    "read-noise",
-    "dark-current",
-    "fixed-pattern",
-    "dead-pixels",
-    "saturation",
-    "quantisation",
-)
+LIGHT = ("defocus", "vignetting", "overlap", "pixel", "misalignment", "occlusion", *DESCRIBED)
+NOISE = tuple(one.name.replace("_", "-") for one in fields(SensorResponse))
 
 
 @dataclass(frozen=True)
@@ -99,18 +75,7 @@ def effects_of(scene: Scene) -> tuple[Effect, ...]:
     out of line or hides something.
     """
     turned = tuple((plane.roll, math.hypot(*plane.tilt)) for plane in scene.planes)
-    described = (
-        scene.diffraction,
-        scene.falloff,
-        scene.distortion,
-        scene.scatter,
-        scene.stray_light,
-        scene.colour_filter,
-        scene.motion,
-        scene.shading,
-        scene.halo,
-        scene.gamma,
-    )
+    described = (getattr(scene, name.replace("-", "_")) for name in DESCRIBED)
     array, sensor = scene.camera.array, scene.camera.sensor
     out_of_line = any(
         (
@@ -202,9 +167,9 @@ def _costs(
     nothing.
     """
     costs = {name: effect.cost(regime) for name, effect in present.items()}
-    by_rays = path_of(scene, tolerance) == "rays"
+    by_rays = path_of(scene, tolerance)[0] == "rays"
     for name in present.keys() & set(PATH):
-        needed = by_rays and path_of(without(scene, ALL - {name}), tolerance) != "rays"
+        needed = by_rays and path_of(without(scene, ALL - {name}), tolerance)[0] != "rays"
         costs[name] = costs[name] if needed else 0.0
     return costs
 

@@ -63,11 +63,6 @@ class Landing:
         )
 
 
-def is_straight(plane: Plane, distortion: Distortion | None) -> bool:
-    """Whether rays end where a linear map says, everywhere."""
-    return not any(plane.tilt) and (distortion is None or distortion.coefficient == 0)
-
-
 def own_axes(plane: Plane) -> Array:
     """What turns a place on the plane, seen along the axis from the target's centre, into the
     target's own coordinates; (2, 2).

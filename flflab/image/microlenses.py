@@ -7,7 +7,6 @@ lets through |slope t - e| <= reach, and the ray meets the object plane, in angl
 + scale e + direction. Source: physics.md, "Exact image of a flat target".
 """
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -156,14 +155,6 @@ def camera_lenses(
 def outside(lenses: Lenses) -> Array:
     """Radii of the micro-images, mm: no light beyond."""
     return np.asarray(lenses["reach"] + np.abs(lenses["slope"]), dtype=np.float64)
-
-
-def coverage(camera: Camera, lenses: Lenses) -> float:
-    """How many micro-images reach a sensor point on average, at least 1."""
-    row = math.sqrt(3) / 2 if camera.array.layout == "hexagonal" else 1.0
-    cell = camera.array.pitch[0] * camera.array.pitch[1] * row
-    cell *= (camera.sensor.distance / camera.array.distance) ** 2
-    return max(1.0, math.pi * float(np.max(outside(lenses))) ** 2 / cell)
 
 
 def lit(lenses: Lenses) -> Lenses:

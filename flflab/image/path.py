@@ -109,14 +109,16 @@ def prepare(scene: Scene, tolerance: float, effects: frozenset[str] = ALL) -> Re
     return Ready(lenses, made, why)
 
 
-def path_of(scene: Scene, tolerance: float) -> str:
-    """By which path a scene is formed with all its effects: closed forms, waves or rays."""
-    ready = prepare(scene, tolerance)
-    if not ready.lenses:
-        return "closed forms"
-    if ready.made is None:
-        return "rays"
-    return "closed forms" if scene.diffraction is None else "waves"
+def path_of(scene: Scene, tolerance: float, effects: frozenset[str] = ALL) -> tuple[str, str]:
+    """By which path a scene is formed with these effects: closed forms, waves or rays; and why."""
+    ready = prepare(scene, tolerance, effects)
+    if ready.made is None and ready.lenses:
+        return "rays", ready.why
+    if scene.diffraction is None or ready.made is None:
+        return "closed forms", ready.why
+    if isinstance(ready.made.target, White):
+        return "closed forms", "white does not bend"
+    return "waves", "light of one wavelength"
 
 
 def _is_dark(plane: Plane, scene: Scene) -> bool:

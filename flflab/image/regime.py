@@ -79,7 +79,8 @@ class Regime:
 
     Attributes:
         planes: the targets.
-        pixels: pixels of the sensor.
+        pixel: side of the sensor's pixels, mm.
+        pixels: how many there are.
         lit: share of them that light can reach.
         microlenses: how many send light to the sensor.
         kinds: how many kinds of rims they have.
@@ -101,6 +102,7 @@ class Regime:
     """
 
     planes: tuple[PlaneRegime, ...]
+    pixel: float
     pixels: int
     lit: float
     microlenses: int

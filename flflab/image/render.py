@@ -1,15 +1,19 @@
 """The picture of a scene without noise: by closed forms or by rays, as the scene calls for, and
-what multiplies or blurs the finished picture.
+what changes the finished picture, in the order of the light.
 """
+
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
 from flflab.image.accuracy import LEAST_TOLERANCE, TOLERANCE
-from flflab.image.after import finish
+from flflab.image.effects.effect import Finishing, Formed
+from flflab.image.microlenses import Lenses, camera_lenses, lit
 from flflab.image.path import Light, form
-from flflab.image.scene import ALL, Scene, without
+from flflab.image.scene import ALL, FINISHING, Plane, Scene, without
+from flflab.targets import White
 
 Array = npt.NDArray[np.float64]
 
@@ -49,5 +53,23 @@ def render_light(scene: Scene, tolerance: float, effects: frozenset[str]) -> Lig
             " below 1 is allowed"
         )
     light = form(pictured, tolerance, effects)
-    finish(light.image, pictured)
+    finish(light.image, pictured, tolerance, effects)
     return light
+
+
+def finish(image: Array, scene: Scene, tolerance: float, effects: frozenset[str] = ALL) -> None:
+    """Apply what changes a finished picture, in place."""
+
+    def white(before: int) -> Array:
+        plane = Plane(White(), scene.planes[0].distance)
+        later = {name.replace("-", "_"): None for name in FINISHING[before:]}
+        bare = replace(scene, planes=(plane,), distortion=None, motion=None, **later)
+        return render_light(bare, tolerance, effects).image
+
+    def lenses() -> Lenses:
+        return lit(camera_lenses(scene.camera, 0.0, scene.scatter, "overlap" in effects))
+
+    for place, name in enumerate(FINISHING):
+        effect: Finishing | None = getattr(scene, name.replace("-", "_"))
+        if effect is not None:
+            effect.apply(image, Formed(scene.camera, lambda place=place: white(place), lenses))

@@ -3,10 +3,11 @@ either.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from flflab.errors import InputError
 from flflab.image.effects.colour_filter import ColourFilter
+from flflab.image.effects.columns import Columns
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
@@ -14,28 +15,15 @@ from flflab.image.effects.gamma import Gamma
 from flflab.image.effects.halo import Halo
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.second_stop import SecondStop
 from flflab.image.effects.shading import Shading
+from flflab.image.effects.soft_rims import SoftRims
 from flflab.image.effects.stray_light import StrayLight
 from flflab.optics.camera import Camera
 from flflab.targets import Target
 
 FARTHEST = 1e12  # mm; from there on numbers only overflow
 STEEPEST = 0.5  # slope of a target's plane
-DESCRIBED = (
-    "diffraction",
-    "falloff",
-    "distortion",
-    "scatter",
-    "stray-light",
-    "colour-filter",
-    "motion",
-    "shading",
-    "halo",
-    "gamma",
-)  # by the scene; None is ideal
-ALL = frozenset(
-    ("defocus", "vignetting", "overlap", "pixel", "misalignment", *DESCRIBED)
-)  # effects of the light, the noise not among them
 
 
 @dataclass(frozen=True)
@@ -113,11 +101,15 @@ class Scene:
         falloff: natural fall-off.
         distortion: of the main lens.
         scatter: of the microlenses.
-        stray_light: veiling glare.
-        colour_filter: the sensor's mosaic.
         motion: of the targets during the exposure.
+        second_stop: a ring behind the main lens. It and those that follow change the finished
+            picture, in this order.
+        soft_rims: of the micro-images.
         shading: of the main lens, towards the corners.
         halo: of every point of light.
+        stray_light: veiling glare.
+        colour_filter: the sensor's mosaic.
+        columns: gains of the sensor's columns and taps.
         gamma: of the sensor.
     """
 
@@ -127,11 +119,14 @@ class Scene:
     falloff: Falloff | None = None
     distortion: Distortion | None = None
     scatter: Scatter | None = None
-    stray_light: StrayLight | None = None
-    colour_filter: ColourFilter | None = None
     motion: Motion | None = None
+    second_stop: SecondStop | None = None
+    soft_rims: SoftRims | None = None
     shading: Shading | None = None
     halo: Halo | None = None
+    stray_light: StrayLight | None = None
+    colour_filter: ColourFilter | None = None
+    columns: Columns | None = None
     gamma: Gamma | None = None
 
     def __post_init__(self) -> None:
@@ -154,6 +149,13 @@ class Scene:
                     f"scene: the boundless target at {near.distance:g} mm hides all behind it; give"
                     " it a size"
                 )
+
+
+DESCRIBED = tuple(one.name.replace("_", "-") for one in fields(Scene)[2:])  # None is ideal
+FINISHING = DESCRIBED[DESCRIBED.index("second-stop") :]  # they change the finished picture
+ALL = frozenset(
+    ("defocus", "vignetting", "overlap", "pixel", "misalignment", *DESCRIBED)
+)  # effects of the light, the noise not among them
 
 
 def one_plane(

@@ -3,7 +3,7 @@ line.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -15,6 +15,7 @@ from flflab.errors import InputError
 from flflab.files.camera import read_camera
 from flflab.files.target import target_from
 from flflab.image.effects.colour_filter import ColourFilter
+from flflab.image.effects.columns import Columns
 from flflab.image.effects.dark_current import DarkCurrent
 from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.diffraction import Diffraction
@@ -23,13 +24,15 @@ from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.fixed_pattern import FixedPattern
 from flflab.image.effects.gamma import Gamma
 from flflab.image.effects.halo import Halo
+from flflab.image.effects.hot_pixels import HotPixels
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.second_stop import SecondStop
 from flflab.image.effects.shading import Shading
-from flflab.image.effects.shot_noise import ShotNoise
+from flflab.image.effects.soft_rims import SoftRims
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.scene import Plane, Scene
 from flflab.image.sensor.response import SensorResponse
@@ -81,6 +84,20 @@ def _wavelength(given: object) -> float | None:
 
 Distance = Annotated[float, Field(allow_inf_nan=True), BeforeValidator(_distance)]
 Made = TypeVar("Made")
+EFFECTS: dict[str, Callable[..., Any]] = {
+    "wavelength": Diffraction,
+    "distortion": Distortion,
+    "scatter": Scatter,
+    "motion": Motion,
+    "second_stop": SecondStop,
+    "soft_rims": SoftRims,
+    "shading": Shading,
+    "halo": Halo,
+    "stray_light": StrayLight,
+    "colour_filter": ColourFilter,
+    "columns": Columns,
+    "gamma": Gamma,
+}  # by the fields of a scene file
 TargetData = str | dict[str, Any]
 
 
@@ -134,6 +151,22 @@ class HaloDescription(Description):
     radius: Length
 
 
+class SecondStopDescription(Description):
+    """A ring: how far behind the main lens, and how wide."""
+
+    distance: Length
+    diameter: Length
+
+
+class ColumnsDescription(Description):
+    """Scatter of the gains of columns, and of blocks of columns that are read together."""
+
+    column: Ratio = 0.0
+    tap: Ratio = 0.0
+    taps: int = 2
+    seed: int = 0
+
+
 class FixedPatternDescription(Description):
     """Scatter of the pixels' gains, and of their offsets in electrons."""
 
@@ -146,6 +179,14 @@ class DeadPixelsDescription(Description):
     """Share of the pixels that are stuck."""
 
     share: Ratio
+    seed: int = 0
+
+
+class HotPixelsDescription(Description):
+    """Share of the pixels that gather more electrons in the dark, and how many on average."""
+
+    share: Ratio
+    electrons: float
     seed: int = 0
 
 
@@ -163,25 +204,20 @@ class SensorDescription(Description):
     dark_current: float = 0.0
     exposure: Time = 0.01
     fixed_pattern: FixedPatternDescription | None = None
+    hot_pixels: HotPixelsDescription | None = None
     dead_pixels: DeadPixelsDescription | None = None
 
     def response(self) -> SensorResponse:
         """The frozen sensor."""
-        pattern, dead = self.fixed_pattern, self.dead_pixels
+        dark = DarkCurrent(self.dark_current, self.exposure) if self.dark_current else None
         return SensorResponse(
-            quantisation=Quantisation(self.bits, self.dn_per_electron, self.offset_dn),
-            saturation=None if self.full_well is None else Saturation(self.full_well),
-            shot_noise=ShotNoise(),
             read_noise=ReadNoise(self.read_noise) if self.read_noise else None,
-            dark_current=(
-                DarkCurrent(self.dark_current, self.exposure) if self.dark_current else None
-            ),
-            fixed_pattern=(
-                None
-                if pattern is None
-                else FixedPattern(pattern.gain, pattern.offset, pattern.seed)
-            ),
-            dead_pixels=None if dead is None else DeadPixels(dead.share, dead.seed),
+            dark_current=dark,
+            fixed_pattern=_made(FixedPattern, self.fixed_pattern),
+            hot_pixels=_made(HotPixels, self.hot_pixels),
+            dead_pixels=_made(DeadPixels, self.dead_pixels),
+            saturation=None if self.full_well is None else Saturation(self.full_well),
+            quantisation=Quantisation(self.bits, self.dn_per_electron, self.offset_dn),
         )
 
 
@@ -198,11 +234,14 @@ class SceneDescription(Description):
     falloff: bool = True
     distortion: float = 0.0
     scatter: ScatterDescription | None = None
-    stray_light: Ratio = 0.0
-    colour_filter: ColourFilterDescription | None = None
     motion: MotionDescription | None = None
+    second_stop: SecondStopDescription | None = None
+    soft_rims: Length = 0.0
     shading: Ratio = 0.0
     halo: HaloDescription | None = None
+    stray_light: Ratio = 0.0
+    colour_filter: ColourFilterDescription | None = None
+    columns: ColumnsDescription | None = None
     gamma: float = 1.0
     sensor: SensorDescription = SensorDescription()
 
@@ -239,11 +278,17 @@ def read_scene(file: Path, camera: Path | None = None) -> PicturedScene:
         )
     planes = tuple(_plane(plane, index, file, lines) for index, plane in enumerate(told.planes))
     optics = read_camera(camera if camera is not None else file.parent / (told.camera or ""))
-    made: dict[str, Any] = {}
-    for field, make in _makers(told).items():
-        made[field] = _at(make, file, lines, (field,))
-    scene = _at(lambda: _scene(optics, planes, told, made), file, lines, ("planes",))
-    return PicturedScene(scene, made["sensor"], told.sensor.white)
+    effects = {
+        field: _at(
+            lambda kind=kind, field=field: _made(kind, getattr(told, field)), file, lines, (field,)
+        )
+        for field, kind in EFFECTS.items()
+    }
+    response = _at(told.sensor.response, file, lines, ("sensor",))
+    effects["diffraction"] = effects.pop("wavelength")
+    falloff = Falloff() if told.falloff else None
+    scene = _at(lambda: Scene(optics, planes, falloff=falloff, **effects), file, lines, ("planes",))
+    return PicturedScene(scene, response, told.sensor.white)
 
 
 def short_scene(camera: Camera, plane: Plane, wavelength: float | None = None) -> Scene:
@@ -258,54 +303,11 @@ def short_scene(camera: Camera, plane: Plane, wavelength: float | None = None) -
     )
 
 
-def _makers(told: SceneDescription) -> dict[str, Callable[[], object]]:
-    """For each field that can be impossible, how its effect is made."""
-    scatter, mosaic, motion = told.scatter, told.colour_filter, told.motion
-    return {
-        "wavelength": lambda: None if told.wavelength is None else Diffraction(told.wavelength),
-        "distortion": lambda: Distortion(told.distortion) if told.distortion else None,
-        "scatter": lambda: (
-            None
-            if scatter is None
-            else Scatter(
-                scatter.focal_length,
-                scatter.position,
-                scatter.seed,
-                scatter.brightness,
-                scatter.aperture_decentre,
-            )
-        ),
-        "stray_light": lambda: StrayLight(told.stray_light) if told.stray_light else None,
-        "colour_filter": lambda: (
-            None
-            if mosaic is None
-            else ColourFilter(mosaic.pattern, mosaic.red, mosaic.green, mosaic.blue)
-        ),
-        "motion": lambda: None if motion is None else Motion(motion.drift, motion.vibration),
-        "shading": lambda: Shading(told.shading) if told.shading else None,
-        "halo": lambda: None if told.halo is None else Halo(told.halo.share, told.halo.radius),
-        "gamma": lambda: Gamma(told.gamma) if told.gamma != 1 else None,
-        "sensor": told.sensor.response,
-    }
-
-
-def _scene(
-    camera: Camera, planes: tuple[Plane, ...], told: SceneDescription, made: Mapping[str, Any]
-) -> Scene:
-    return Scene(
-        camera,
-        planes,
-        diffraction=made["wavelength"],
-        falloff=Falloff() if told.falloff else None,
-        distortion=made["distortion"],
-        scatter=made["scatter"],
-        stray_light=made["stray_light"],
-        colour_filter=made["colour_filter"],
-        motion=made["motion"],
-        shading=made["shading"],
-        halo=made["halo"],
-        gamma=made["gamma"],
-    )
+def _made(kind: Callable[..., Made], given: Description | float | None) -> Made | None:
+    """An effect from what a file says of it; None where that is the ideal."""
+    if given is None or given == (1.0 if kind is Gamma else 0.0):
+        return None
+    return kind(**dict(given)) if isinstance(given, Description) else kind(given)
 
 
 def _plane(told: PlaneDescription, index: int, file: Path, lines: Lines) -> Plane:

@@ -43,6 +43,7 @@ def survey(scene: Scene) -> Regime:
     kinds = np.unique(np.stack([slope, lenses["reach"][seen]], axis=1), axis=0)
     return Regime(
         planes=planes,
+        pixel=pixel,
         pixels=columns * rows,
         lit=min(1.0, math.pi * float((radius**2).sum()) / (columns * rows * pixel**2)),
         microlenses=int(seen.sum()),

@@ -8,6 +8,7 @@ none is lost: a picture of white is that of rays.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numba
@@ -17,7 +18,7 @@ from scipy.fft import irfft2
 from scipy.special import j1
 
 from flflab.errors import InputError
-from flflab.image.bands import in_bands
+from flflab.image.bands import go_on, in_bands
 from flflab.image.fast.form import Upright, add_upright, share_tables
 from flflab.image.fast.lines import Lines, Sampling, seen_through
 from flflab.image.fast.profile import Profile, mean_over_two, profile_of, stripe
@@ -105,6 +106,7 @@ def add_with_waves(image: Array, scene: Scene, made: Upright, pixel: float) -> N
     tables = share_tables(made.lenses, side, made)
     rays: list[int] = []
     for kind in kinds_of(made, scene.diffraction.wavelength):
+        go_on()
         blurred = DOT_BLURRED if isinstance(made.target, FourDot) else BLURRED
         if 2 * abs(kind.blur) > blurred * side or kind.sensor == 0.0:
             rays += kind.indices.tolist()
@@ -181,12 +183,13 @@ def _add_lines(
     height = stripe(how.half_height if math.isfinite(how.half_height) else 1.0)
     how = how._replace(pixel=side)
 
-    def form(top: int, bottom: int) -> None:
+    def form(top: int, bottom: int) -> Iterator[None]:
         for index in kind.indices:
             _read_lines(
                 image, made.lenses[index], made.lines[index], upward[index], light, steps,
                 kind.sensor, tables[index], xs_ys, (top, bottom), height, how,
             )  # fmt: skip
+            yield
 
     in_bands(form, image.shape[0])
 
@@ -345,12 +348,13 @@ def _add_dots(image: Array, scene: Scene, made: Upright, kind: Kind, tables: lis
     steps = (side / DOT_STEPS, radii[0], 1 / max(radii[1] - radii[0], 1e-300))
     xs_ys = pixel_positions(scene.camera.sensor)
 
-    def form(top: int, bottom: int) -> None:
+    def form(top: int, bottom: int) -> Iterator[None]:
         for index in seeing:
             _read_dots(
                 image, made.lenses[index], made.lines[index], target.centres, light, steps,
                 tables[index], xs_ys, (top, bottom), side,
             )  # fmt: skip
+            yield
 
     in_bands(form, image.shape[0])
 

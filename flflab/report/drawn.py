@@ -1,40 +1,50 @@
 """What the simulated camera of a run drew, and why."""
 
-from flflab.bench import Bench
+from flflab.record import Run
 from flflab.report.tables import Table
-from flflab.simulated_light import chosen, drawing_tolerance, light_scenes
-from flflab.study import Study
-from flflab.targets import White
-from flflab.verdict.properties.predicted import Predicted
 
 
-def drawn_table(bench: Bench, study: Study, model: Predicted) -> Table:
-    """Each effect, whether it is in the simulated pictures of a configuration, and why.
-
-    Args:
-        bench: the bench; its file decides what is simulated.
-        study: which targets are shown.
-        model: the configuration, as the model has it.
+def drawn_table(run: Run) -> Table | None:
+    """Each effect, whether it is in the simulated pictures, and why, as the record has it; None
+    where it has nothing of it.
     """
-    shown = [one for one in (study.dots, study.bars) if one.kind in study.shown]
     rows: list[tuple[str, ...]] = []
-    for target in (White(), *shown):
-        scene, _ = next(light_scenes(bench, model.camera, target, model.distance))
-        tolerance = drawing_tolerance(bench, target)
+    for drawing in run.start.get("simulated_light") or ():
+        numbers = ", ".join(str(index) for index in drawing["configurations"])
+        what = f"{drawing['target']}, {numbers}"
+        rows.append(
+            (
+                what,
+                drawing["path"],
+                "",
+                f"{drawing['tolerance']:.1g} of white",
+                "",
+                drawing["why_path"],
+            )
+        )
         rows += [
             (
-                f"{target.kind}, to {tolerance:.1g} of white",
-                decision.name,
-                "on" if decision.on else "off",
-                f"{decision.size:.3g} {decision.unit}",
-                f"{decision.bound:.1e}",
-                decision.why,
+                what,
+                one["name"],
+                "on" if one["on"] else "off",
+                "" if one["size"] is None else f"{one['size']:.3g} {one['unit']}",
+                "" if one["bound"] is None else f"{one['bound']:.1e}",
+                one["why"],
             )
-            for decision in chosen(bench, scene).decisions
-            if decision.size is not None
+            for one in drawing["effects"]
         ]
+        rows.append((what, ", ".join(drawing["absent"]), "off", "", "", "the scene has none"))
+    if not rows:
+        return None
     return Table(
-        "What the simulated camera draws at the first configuration, and why",
-        ("target", "effect", "", "size", "most it changes, of white", "why"),
+        "What the simulated camera drew, and why",
+        (
+            "target, configurations",
+            "path or effect",
+            "",
+            "tolerance or size",
+            "most it changes, of white",
+            "why",
+        ),
         tuple(rows),
     )

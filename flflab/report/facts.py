@@ -11,6 +11,7 @@ import numpy as np
 from flflab.bench import Bench, read_bench
 from flflab.missing_light import missing_light
 from flflab.record import Run, frames_said, not_used
+from flflab.simulated_light import is_simulated
 from flflab.study import Study
 from flflab.verdict.comparison import Row
 from flflab.verdict.diagnosis import likeliest
@@ -22,7 +23,6 @@ from flflab.wheel import unlike_the_wheel
 WORST_MISFIT = 0.02  # of the light
 WORST_CHI2 = 1.5  # per pixel: above, the picture holds something that the fit does not know
 PICTURED = 12  # configurations; a page of more is not read
-ON_THIS_MACHINE = ("simulated", "127.0.0.1", "localhost", "[::1]")
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,7 @@ def simulated_devices(bench: Bench) -> tuple[list[str], int]:
         "iris": description.iris,
         "target": description.target,
     }
-    local = [
-        name
-        for name, device in devices.items()
-        if any(word in device.address for word in ON_THIS_MACHINE)
-    ]
+    local = [name for name, device in devices.items() if is_simulated(device.address)]
     return local, len(devices)
 
 

@@ -29,6 +29,7 @@ ELSEWHERE = (
     "devices",
     "software",
     "configurations",
+    "simulated_light",
 )  # what the start document holds that the page shows in its place
 
 
@@ -146,7 +147,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
             if "simulated" in bench.description.model_fields_set
             else None
         ),
-        drawn=drawn_table(recorded, study, evaluation.predicted[0]) if local else None,
+        drawn=drawn_table(run),
         provenance=_provenance(run, study, bench),
         draws=study.description.draws,
         light=bench.description.light_uncertainty,

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from flflab.image.choose import effects_of
+from flflab.image.effects.columns import Columns
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.effect import Effect
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.soft_rims import SoftRims
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.path import path_of
 from flflab.image.render import render
@@ -79,6 +81,8 @@ def test_what_an_ideal_scene_has_not_is_not_among_its_effects(camera: Camera) ->
         ("distortion", {"distortion": Distortion(2.0)}),
         ("motion", {"motion": Motion((0.003, 0.0), (0.0, 0.001))}),
         ("scatter", {"scatter": Scatter(1e-4, 1e-5, 3)}),
+        ("soft-rims", {"soft_rims": SoftRims(0.001)}),
+        ("columns", {"columns": Columns(0.002, 0.003)}),
     ],
 )
 @pytest.mark.parametrize("distance", [506.7, 450.0])
@@ -126,7 +130,7 @@ def test_no_effect_of_a_random_scene_changes_more_than_its_bound(
 ) -> None:
     resolution, tolerance = size_and_tolerance
     scene = random_scene(np.random.default_rng([seed, 4]), resolution)
-    if path_of(replace(scene, diffraction=None), tolerance) == "rays":
+    if path_of(replace(scene, diffraction=None), tolerance)[0] == "rays":
         scene = replace(scene, diffraction=None)
     regime = survey(scene)
     whole = render(scene, tolerance=tolerance)

@@ -91,6 +91,9 @@ def test_a_study_over_the_wire(served: Callable[..., Any], tmp_path: Path) -> No
         assert true == pytest.approx(
             last[element], abs=5 * (0.05 if element == "target.z" else 0.0015)
         )  # pyright: ignore[reportArgumentType]
+    drawn = run.start["simulated_light"]
+    assert {one["target"] for one in drawn} == {"white", "four-dot", "bars"}
+    assert all(one["path"] == "closed forms" and one["configurations"] == [0, 1] for one in drawn)
     assert {device["name"] for device in run.start["devices"]} >= {
         "array_stage",
         "camera",

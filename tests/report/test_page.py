@@ -16,6 +16,7 @@ from flflab.errors import InputError
 from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run
 from flflab.report import write_report
+from flflab.report.drawn import drawn_table
 from flflab.report.overview import z_limit
 from flflab.report.page import headline
 from flflab.study import Study
@@ -177,6 +178,22 @@ def test_the_bench_and_the_provenance_are_there(page: Page, run: Run, bench: Ben
     ):
         assert name in page.text
     assert "Simulated bench: 7 of 7 devices" in page.text
+
+
+def test_what_the_simulated_camera_decided_is_listed_as_the_run_recorded_it(run: Run) -> None:
+    halo = {"name": "halo", "on": True, "size": 0.05, "unit": "of light", "bound": None, "why": "w"}
+    drawing = {
+        "target": "bars", "configurations": [0, 2], "tolerance": 3e-4, "path": "rays",
+        "why_path": "a card", "effects": [halo], "absent": ["gamma"],
+    }  # fmt: skip
+    table = drawn_table(replace(run, start={**run.start, "simulated_light": [drawing]}))
+    assert table is not None
+    assert table.rows == (
+        ("bars, 0, 2", "rays", "", "0.0003 of white", "", "a card"),
+        ("bars, 0, 2", "halo", "on", "0.05 of light", "", "w"),
+        ("bars, 0, 2", "gamma", "off", "", "", "the scene has none"),
+    )
+    assert drawn_table(replace(run, start={})) is None
 
 
 def test_what_devices_say_is_text_and_never_markup(page: Page, source: str) -> None:

@@ -14,9 +14,12 @@ from flflab.errors import InputError
 from flflab.simulated_light import (
     chosen,
     drawing_tolerance,
+    drawings,
+    is_simulated,
     light_scenes,
     require_affordable,
 )
+from flflab.study import read_study
 from flflab.targets import Bars, White
 
 BenchWith = Callable[[str, str], Bench]
@@ -94,3 +97,26 @@ def test_a_frame_too_dear_is_refused_before_it_is_drawn(bench_with: BenchWith) -
     scene, _ = next(light_scenes(bench, camera, Bars(), 507.0))
     with pytest.raises(InputError, match=r"would take about \d+ s, and frames of up to 20 s"):
         require_affordable([(scene, chosen(bench, scene))])
+
+
+def test_what_is_decided_is_said_of_every_target_and_configuration(
+    bench_with: BenchWith, root: Path
+) -> None:
+    bench = bench_with("  effects: {halo: 0.05}", "light: {wavelength: 550 nm}")
+    study = read_study(root / "examples/studies/first.yaml", bench.optics)
+    drawn = drawings(bench, study)
+    for kind in ("white", "four-dot", "bars"):
+        told = sorted(i for one in drawn if one.target == kind for i in one.configurations)
+        assert told == [one.index for one in study.configurations]
+    assert {one.target: one.path for one in drawn} == {
+        "white": "closed forms", "four-dot": "waves", "bars": "waves",
+    }  # fmt: skip
+    for one in drawn:
+        halo = next(effect for effect in one.effects if effect.name == "halo")
+        assert (halo.on, halo.size, "gamma" in one.absent) == (True, 0.05, True)
+
+
+def test_a_camera_in_the_laboratory_draws_nothing() -> None:
+    assert [is_simulated(at) for at in ("simulated", "127.0.0.1:5", "192.168.1.5:9000")] == [
+        True, True, False,
+    ]  # fmt: skip

@@ -252,3 +252,17 @@ def test_the_wheel_holds_the_targets_that_the_bench_file_describes(
 def test_a_target_that_is_not_on_the_wheel_is_refused(write_bench_file: WriteBench) -> None:
     with pytest.raises(InputError, match="no 'star' on the wheel; allowed: four-dot"):
         wheel_targets(write_bench_file(targets={"star": {}}))
+
+
+def test_a_stage_that_drifts_is_elsewhere_an_hour_later(write_bench_file: WriteBench) -> None:
+    clock = SteppedClock()
+    world = World(write_bench_file(drift={"sensor_stage": "2 um/h"}), clock)
+    before = world.elements(clock.now())
+    clock.step(3600)
+    after = world.elements(clock.now())
+    assert after["sensor.z"] - before["sensor.z"] == pytest.approx(0.002, abs=1e-9)
+    assert after["array.z"] == before["array.z"]
+    with pytest.raises(InputError, match=r"drift.iris: nothing drifts there; allowed: main"):
+        World(write_bench_file(drift={"iris": "2 um/h"}), clock)
+    with pytest.raises(InputError, match=r"drift.sensor_stage: .*'um' is a unit of length"):
+        World(write_bench_file(drift={"sensor_stage": "2 um"}), clock)

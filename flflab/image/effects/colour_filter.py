@@ -5,7 +5,10 @@ two by two.
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from flflab.errors import InputError
+from flflab.image.effects.effect import Array, Formed, require
 from flflab.image.regime import Regime
 
 PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
@@ -36,11 +39,7 @@ class ColourFilter:
                 f" {', '.join(PATTERNS)}"
             )
         for colour in ("red", "green", "blue"):
-            share = getattr(self, colour)
-            if not 0 <= share <= 1:
-                raise InputError(
-                    f"colour filter: {colour} is {share:g}; a transmission from 0 to 1 is allowed"
-                )
+            require(self.name, colour, getattr(self, colour), most=1)
 
     def size(self, regime: Regime) -> float:
         """What the densest filter takes."""
@@ -57,3 +56,10 @@ class ColourFilter:
     def why(self, regime: Regime) -> str:
         """The mosaic."""
         return f"mosaic {self.pattern} of {self.red:g}, {self.green:g}, {self.blue:g}"
+
+    def apply(self, image: Array, formed: Formed) -> None:
+        """Multiply every pixel by what its filter lets through."""
+        by_letter = {"r": self.red, "g": self.green, "b": self.blue}
+        tile = np.array([by_letter[letter] for letter in self.pattern]).reshape(2, 2)
+        rows, columns = image.shape
+        image *= tile[np.ix_(np.arange(rows) % 2, np.arange(columns) % 2)]

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import require
 from flflab.image.regime import Regime
 
 
@@ -20,19 +20,13 @@ class DarkCurrent:
     unit: ClassVar[str] = "electrons"
 
     def __post_init__(self) -> None:
-        """Refuse what is no current.
+        """Both numbers are 0 or more.
 
         Raises:
-            InputError: a number is negative or not finite.
+            InputError: it is not.
         """
-        for name, value, unit in (
-            ("electrons_per_second", self.electrons_per_second, "electrons/s"),
-            ("exposure", self.exposure, "s"),
-        ):
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(
-                    f"dark current: {name} is {value:g} {unit}; a finite number from 0 up is due"
-                )
+        require(self.name, "electrons_per_second", self.electrons_per_second, of=" electrons/s")
+        require(self.name, "exposure", self.exposure, of=" s")
 
     @property
     def electrons(self) -> float:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import require
 from flflab.image.regime import Regime
 
 
@@ -19,13 +19,12 @@ class DeadPixels:
     unit: ClassVar[str] = "of the pixels"
 
     def __post_init__(self) -> None:
-        """Refuse what is no share.
+        """The share lies between 0 and 1.
 
         Raises:
-            InputError: it is not from 0 to 1.
+            InputError: it is not.
         """
-        if not 0 <= self.share <= 1:
-            raise InputError(f"dead pixels: share is {self.share:g}; from 0 to 1 is allowed")
+        require(self.name, "share", self.share, most=1)
 
     def size(self, regime: Regime) -> float:
         """Their share."""

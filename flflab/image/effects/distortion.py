@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import require
 from flflab.image.regime import PlaneRegime, Regime
 
 
@@ -22,15 +22,12 @@ class Distortion:
     unit: ClassVar[str] = "px"
 
     def __post_init__(self) -> None:
-        """Refuse what is no coefficient.
+        """The coefficient is finite.
 
         Raises:
-            InputError: it is not finite.
+            InputError: it is not.
         """
-        if not math.isfinite(self.coefficient):
-            raise InputError(
-                f"distortion: coefficient is {self.coefficient:g} 1/rad^2; a finite number is due"
-            )
+        require(self.name, "coefficient", self.coefficient, -math.inf, of=" 1/rad^2")
 
     def _shift(self, plane: PlaneRegime) -> float:
         """How far the outermost ray moves, rad."""

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import require
 from flflab.image.regime import Regime
 
 
@@ -23,21 +23,13 @@ class FixedPattern:
     unit: ClassVar[str] = "of white"
 
     def __post_init__(self) -> None:
-        """Refuse what is no pattern.
+        """No gain is negative, and offsets are 0 or more.
 
         Raises:
-            InputError: a number is negative or not finite, or so large that a pixel's gain could be
-                negative.
+            InputError: it is not.
         """
-        if not 0 <= self.gain <= 0.1:
-            raise InputError(
-                f"fixed pattern: gain is {self.gain:g} of the mean gain; from 0 to 0.1 is allowed"
-            )
-        if not (math.isfinite(self.offset) and self.offset >= 0):
-            raise InputError(
-                f"fixed pattern: offset is {self.offset:g} electrons; a finite number from 0 up"
-                " is due"
-            )
+        require(self.name, "gain", self.gain, most=0.1, of=" of the mean gain")
+        require(self.name, "offset", self.offset, of=" electrons")
 
     def size(self, regime: Regime) -> float:
         """Standard deviation at the white level."""

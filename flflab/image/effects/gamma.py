@@ -4,7 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+import numpy as np
+
+from flflab.image.effects.effect import Array, Formed, require
 from flflab.image.regime import Regime
 
 
@@ -17,13 +19,12 @@ class Gamma:
     unit: ClassVar[str] = "from 1"
 
     def __post_init__(self) -> None:
-        """Refuse what is no gamma.
+        """The exponent lies between 0.3 and 3.
 
         Raises:
-            InputError: it is not from 0.3 to 3.
+            InputError: it is not.
         """
-        if not 0.3 <= self.exponent <= 3:
-            raise InputError(f"gamma: exponent is {self.exponent:g}; from 0.3 to 3 is allowed")
+        require(self.name, "exponent", self.exponent, 0.3, 3)
 
     def size(self, regime: Regime) -> float:
         """How far it is from 1."""
@@ -44,3 +45,7 @@ class Gamma:
     def why(self, regime: Regime) -> str:
         """How far half of white is off."""
         return f"half of white reads {math.pow(0.5, self.exponent):.3g}"
+
+    def apply(self, image: Array, formed: Formed) -> None:
+        """Raise every pixel to the power."""
+        np.power(np.maximum(image, 0.0), self.exponent, out=image)

@@ -6,7 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+from scipy.ndimage import gaussian_filter
+
 from flflab.errors import InputError
+from flflab.image.effects.effect import Array, Formed
 from flflab.image.regime import Regime
 
 
@@ -47,3 +50,8 @@ class Halo:
     def why(self, regime: Regime) -> str:
         """How far the light goes."""
         return f"{self.share:.3g} of all light lands {1e3 * self.radius:.3g} um aside"
+
+    def apply(self, image: Array, formed: Formed) -> None:
+        """Take the share, and add it where it is spread to."""
+        radius = self.radius / formed.camera.sensor.pixel
+        image += self.share * (gaussian_filter(image, radius, mode="constant") - image)

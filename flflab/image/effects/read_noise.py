@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import require
 from flflab.image.regime import Regime
 
 
@@ -17,15 +17,12 @@ class ReadNoise:
     unit: ClassVar[str] = "of white"
 
     def __post_init__(self) -> None:
-        """Refuse what is no noise.
+        """The noise is 0 or more.
 
         Raises:
-            InputError: it is negative or not finite.
+            InputError: it is not.
         """
-        if not (math.isfinite(self.electrons) and self.electrons >= 0):
-            raise InputError(
-                f"read noise: electrons is {self.electrons:g}; a finite number from 0 up is due"
-            )
+        require(self.name, "electrons", self.electrons)
 
     def size(self, regime: Regime) -> float:
         """Standard deviation."""

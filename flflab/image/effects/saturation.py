@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import require
 from flflab.image.regime import Regime
 
 
@@ -17,16 +17,12 @@ class Saturation:
     unit: ClassVar[str] = "of white"
 
     def __post_init__(self) -> None:
-        """Refuse what is no well.
+        """The well holds 1 electron or more.
 
         Raises:
-            InputError: it is below 1 or not finite.
+            InputError: it is not.
         """
-        if not (math.isfinite(self.full_well) and self.full_well >= 1):
-            raise InputError(
-                f"saturation: full_well is {self.full_well:g} electrons; a finite number from 1 up"
-                " is due"
-            )
+        require(self.name, "full_well", self.full_well, 1, of=" electrons")
 
     def size(self, regime: Regime) -> float:
         """The light that fills a pixel."""

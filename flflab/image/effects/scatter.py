@@ -1,10 +1,9 @@
 """Scatter of the microlenses: every one has a focal length, a place and a brightness of its own."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import require
 from flflab.image.regime import Regime
 
 
@@ -26,27 +25,15 @@ class Scatter:
     unit: ClassVar[str] = "px"
 
     def __post_init__(self) -> None:
-        """Refuse what is no scatter.
+        """All is 0 or more, and so small that microlenses do not turn into others.
 
         Raises:
-            InputError: a number is negative or not finite, or so large that microlenses turn into
-                others.
+            InputError: it is not.
         """
-        if not (math.isfinite(self.focal_length) and 0 <= self.focal_length <= 0.1):
-            raise InputError(
-                f"scatter: focal_length is {self.focal_length:g} of the focal length; from 0 to 0.1"
-                " is allowed"
-            )
-        if not (math.isfinite(self.brightness) and 0 <= self.brightness <= 0.2):
-            raise InputError(
-                f"scatter: brightness is {self.brightness:g} of the light; from 0 to 0.2 is allowed"
-            )
-        for name in ("position", "aperture_decentre"):
-            length = getattr(self, name)
-            if not (math.isfinite(length) and length >= 0):
-                raise InputError(
-                    f"scatter: {name} is {length:g} mm; a finite number from 0 up is due"
-                )
+        require(self.name, "focal_length", self.focal_length, most=0.1, of=" of the focal length")
+        require(self.name, "brightness", self.brightness, most=0.2, of=" of the light")
+        require(self.name, "position", self.position, of=" mm")
+        require(self.name, "aperture_decentre", self.aperture_decentre, of=" mm")
 
     def size(self, regime: Regime) -> float:
         """How far rims move at most."""

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+import numpy as np
+
+from flflab.image.effects.effect import Array, Formed, require
 from flflab.image.regime import Regime
 
 
@@ -18,13 +20,12 @@ class Shading:
     unit: ClassVar[str] = "of light"
 
     def __post_init__(self) -> None:
-        """Refuse what is no share.
+        """The share lies between 0 and 1.
 
         Raises:
-            InputError: it is not from 0 to 1.
+            InputError: it is not.
         """
-        if not 0 <= self.corner <= 1:
-            raise InputError(f"shading: corner is {self.corner:g}; from 0 to 1 is allowed")
+        require(self.name, "corner", self.corner, most=1)
 
     def size(self, regime: Regime) -> float:
         """What the corner loses."""
@@ -41,3 +42,11 @@ class Shading:
     def why(self, regime: Regime) -> str:
         """Where the light is lost."""
         return f"the sensor's corners get {100 * self.corner:.3g} % less light"
+
+    def apply(self, image: Array, formed: Formed) -> None:
+        """1 - corner (r / R)^2, R the distance from the sensor's middle to the middle of its corner
+        pixel.
+        """
+        rows, columns = (np.arange(count) - (count - 1) / 2 for count in image.shape)
+        farthest = max(float(rows[-1] ** 2 + columns[-1] ** 2), 1e-300)
+        image *= 1 - self.corner * (rows[:, None] ** 2 + columns[None] ** 2) / farthest

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import Array, Formed, require
 from flflab.image.regime import Regime
 
 
@@ -16,13 +16,12 @@ class StrayLight:
     unit: ClassVar[str] = "of light"
 
     def __post_init__(self) -> None:
-        """Refuse what is no share.
+        """The share lies between 0 and 1.
 
         Raises:
-            InputError: it is not from 0 to 1.
+            InputError: it is not.
         """
-        if not 0 <= self.share <= 1:
-            raise InputError(f"stray light: share is {self.share:g}; from 0 to 1 is allowed")
+        require(self.name, "share", self.share, most=1)
 
     def size(self, regime: Regime) -> float:
         """Its share."""
@@ -39,3 +38,9 @@ class StrayLight:
     def why(self, regime: Regime) -> str:
         """Where the light goes."""
         return f"{self.share:.3g} of all light is spread over the sensor"
+
+    def apply(self, image: Array, formed: Formed) -> None:
+        """Take the share, and add its mean everywhere."""
+        mean = float(image.mean())
+        image *= 1 - self.share
+        image += self.share * mean

@@ -3,6 +3,7 @@ its microlenses are formed, and the picture in bands of rows.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,7 @@ FINEST = 6e-5  # tolerance that tables keep of what is seen in a blur through a 
 DOTS_LEAVE = 2.5e-2  # over the blur, up to WIDE pixels, and the square of a pixel's parts
 DOTS_SHARP_LEAVE = 0.03  # over the square of the blur, seen through the middle of the pupil
 WIDE, WIDEST = 2.5, 2000.0  # pixels: a wider blur is formed like this one
+PIECE = 16  # rows of a micro-image between two looks whether anybody still waits
 NONE = np.zeros(0)
 EVEN = Profile(
     np.array([[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros(1, dtype=np.int64), 1.0
@@ -198,19 +200,22 @@ def add_upright(image: Array, scene: Scene, made: Upright) -> None:
     places = pixel_positions(scene.camera.sensor)
     tables = share_tables(lenses, scene.camera.sensor.pixel, made)
     one_by_one = add_by_columns if made.by_columns else add_pixel_by_pixel
+    whole = made.by_columns and not isinstance(target, FourDot)  # they share work among rows
 
-    def form(first: int, last: int) -> None:
+    def form(first: int, last: int) -> Iterator[None]:
         for index in range(len(lenses)):
             lens, line, how = lenses[index], made.lines[index], made.how[index]
-            if lens["first_row"] >= last or lens["end_row"] <= first:
-                continue
-            if isinstance(target, FourDot):
-                add_dots(
-                    image, lens, line, target.centres, target.diameter / 2, tables[index], places,
-                    (first, last), how, bool(made.sharp[index]),
-                )  # fmt: skip
-            else:
-                one_by_one(image, lens, line, profile, tables[index], places, (first, last), how)
+            top, bottom = max(int(lens["first_row"]), first), min(int(lens["end_row"]), last)
+            for row in range(top, bottom, image.shape[0] if whole else PIECE):
+                rows = row, bottom if whole else min(row + PIECE, bottom)
+                if isinstance(target, FourDot):
+                    add_dots(
+                        image, lens, line, target.centres, target.diameter / 2, tables[index],
+                        places, rows, how, bool(made.sharp[index]),
+                    )  # fmt: skip
+                else:
+                    one_by_one(image, lens, line, profile, tables[index], places, rows, how)
+                yield
 
     in_bands(form, image.shape[0])
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.bands import in_bands
+from flflab.image.bands import go_on, in_bands
 from flflab.image.effects.motion import Motion
 from flflab.image.fast.profile import Profile
 from flflab.image.general.rays import (
@@ -114,7 +114,7 @@ def add_rays(image: Array, blocks: Blocks, side: int) -> None:
     xs, ys = pixel_positions(blocks.scene.camera.sensor)
     points, lenses = grid(side if blocks.defocus else 1), blocks.surfaces[0].lenses
 
-    def form(first: int, last: int) -> None:
+    def form(first: int, last: int) -> Iterator[None]:
         for index, lens in enumerate(lenses):
             for start, end in _tiles(lens, first, last, max(TOGETHER // side, 8)):
                 rows, columns = lit_pixels(
@@ -125,6 +125,7 @@ def add_rays(image: Array, blocks: Blocks, side: int) -> None:
                     rays = _rays(blocks, lens, points, places)
                     light = _light(blocks, index, rays, points)
                     add_light(image, rows, columns, light, rays.weight, float(lens["level"]))
+                    yield
 
     in_bands(form, image.shape[0])
 
@@ -243,6 +244,7 @@ def _rays(blocks: Blocks, lens: Record, points: Points, places: tuple[Array, Arr
 
 def _values(blocks: Blocks, index: int, points: Points, places: tuple[Array, Array]) -> Array:
     """Light of single pixels through one microlens, of white."""
+    go_on()
     lens = blocks.surfaces[0].lenses[index]
     rays = _rays(blocks, lens, points, places)
     return float(lens["level"]) * (rays.weight * _light(blocks, index, rays, points)).sum(axis=0)

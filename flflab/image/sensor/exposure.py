@@ -1,10 +1,5 @@
-"""How bright a camera's picture is: the irradiance at the white level, and the electrons it
-makes.
-"""
+"""How bright a camera's picture is: the irradiance at the white level."""
 
-import math
-
-from flflab.errors import InputError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.microlenses import axis_microlens
 from flflab.optics.camera import Camera
@@ -30,30 +25,3 @@ def white_irradiance(camera: Camera, falloff: Falloff | None = None) -> float:
     index = axis_microlens(smms)
     radius, gap = float(smms.limiting_radius[index]), float(smms.gap[index])
     return radius**2 / (gap**2 + (radius**2 if falloff is None else 0.0))
-
-
-def electrons_at_white(
-    camera: Camera, exposure_s: float, electrons_per_second: float, falloff: Falloff | None = None
-) -> float:
-    """Mean electrons in a pixel at the white level.
-
-    Args:
-        camera: the camera.
-        exposure_s: exposure time, s.
-        electrons_per_second: electrons a pixel would collect each second if it lay on the white
-            target itself.
-        falloff: as in the scene that is pictured.
-
-    Raises:
-        InputError: the exposure or the rate is negative or not finite.
-    """
-    for name, value, unit in (
-        ("exposure_s", exposure_s, "s"),
-        ("electrons_per_second", electrons_per_second, "electrons/s"),
-    ):
-        if not (math.isfinite(value) and value >= 0):
-            raise InputError(
-                f"electrons_at_white: {name} is {value:g} {unit}; a finite number from 0 up is"
-                " allowed"
-            )
-    return white_irradiance(camera, falloff) * exposure_s * electrons_per_second
