@@ -25,6 +25,7 @@ from flflab.optics.smms import camera_smms
 from flflab.targets import Target
 from flflab.units import Dimension, parse_quantity
 from sim.clock import Clock
+from sim.drift import drifts
 from sim.motion import Motion, rest
 
 WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge", "texture")
@@ -436,27 +437,6 @@ def check_truths(bench: Bench) -> None:
             parse_quantity(given, allowed[name])
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
-
-
-def drifts(bench: Bench) -> dict[str, float]:
-    """How fast the elements of some axes move along z by themselves, mm/s, by the axes' names.
-
-    Raises:
-        InputError: there is no such axis, it turns the array, or no speed is given.
-    """
-    elements = [
-        name for name, axis in bench.description.axes.items() if axis.moves in get_args(Element)
-    ]
-    found: dict[str, float] = {}
-    for name, given in bench.description.simulated.drift.items():
-        where = bench.where("simulated", "drift", name)
-        if name not in elements:
-            raise InputError(f"{where}: nothing drifts there; allowed: {', '.join(elements)}")
-        try:
-            found[name] = parse_quantity(given, "speed")
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from error
-    return found
 
 
 def sharp_distance(optics: Camera) -> float:
