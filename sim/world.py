@@ -440,9 +440,7 @@ def check_truths(bench: Bench) -> None:
 
 
 def sharp_distance(optics: Camera) -> float:
-    """Distance in mm of the plane in focus behind the array's middle; 500 mm where no real one
-    is.
-    """
+    """Distance in mm of what is sharp behind the array's middle; 500 mm where nothing real is."""
     systems = camera_smms(optics)
     vergence = float(sharp_vergence(systems)[len(systems.gap) // 2])
     return 1 / vergence if np.isfinite(vergence) and vergence > 0 else 500.0
