@@ -223,7 +223,11 @@ def as_recorded(run: Path, to: Path, changed: dict[str, dict[str, Any]]) -> Path
     ("truths", "named"),
     [
         ("{microlens_array.focal_length: 0.935 mm}", "Focal length of the microlenses (1.9"),
-        ("{iris.scale: 0.04}", "Aperture of the main lens (its f-number changes inversely) (3.8"),
+        pytest.param(
+            "{iris.scale: 0.04}",
+            "Aperture of the main lens (its f-number changes inversely) (3.8",
+            marks=pytest.mark.full,
+        ),
     ],
 )
 def test_a_wrong_microlens_or_iris_is_found_out_and_named(

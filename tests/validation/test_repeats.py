@@ -17,9 +17,8 @@ SETTINGS: list[dict[str, Any]] = [{"f_number": [2.8, 4], "distance": "507 mm"}]
 STATED, TRUE = 1e-3, 5e-3  # mm
 
 
-@pytest.mark.parametrize(
-    "seed", [pytest.param(0, marks=pytest.mark.ci), pytest.param(1, marks=pytest.mark.full)]
-)
+@pytest.mark.full
+@pytest.mark.parametrize("seed", range(2))
 def test_an_honest_camera_is_accepted_on_stages_that_repeat_worse_than_stated(
     seed: int,
     one_bench: Callable[..., Evaluation],
