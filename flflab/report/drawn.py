@@ -3,6 +3,8 @@
 from flflab.record import Run
 from flflab.report.tables import Table
 
+NOTHING = 1e-6  # of a pixel or of white
+
 
 def drawn_table(run: Run) -> Table | None:
     """Each effect, whether it is in the simulated pictures, and why, as the record has it; None
@@ -24,16 +26,16 @@ def drawn_table(run: Run) -> Table | None:
         )
         rows += [
             (
-                what,
+                "",
                 one["name"],
                 "on" if one["on"] else "off",
-                "" if one["size"] is None else f"{one['size']:.3g} {one['unit']}",
-                "" if one["bound"] is None else f"{one['bound']:.1e}",
+                "" if one["size"] is None else f"{_shown(one['size'])} {one['unit']}",
+                "" if one["bound"] is None else _shown(one["bound"]),
                 one["why"],
             )
             for one in drawing["effects"]
         ]
-        rows.append((what, ", ".join(drawing["absent"]), "off", "", "", "the scene has none"))
+        rows.append(("", ", ".join(drawing["absent"]), "off", "", "", "the scene has none"))
     if not rows:
         return None
     return Table(
@@ -48,3 +50,7 @@ def drawn_table(run: Run) -> Table | None:
         ),
         tuple(rows),
     )
+
+
+def _shown(size: float) -> str:
+    return "0" if abs(size) < NOTHING else f"{size:.2g}"

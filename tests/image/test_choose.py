@@ -98,7 +98,7 @@ def test_what_is_too_little_to_matter_and_on_says_that_it_was_asked_for(scene: S
         one for one in choose(sharp, 0.002, "reference").decisions if one.name == "defocus"
     )
     assert defocus.on
-    assert defocus.why.endswith("softens edges: too little to matter, but requested")
+    assert defocus.why == "the target is in focus: too little to matter, but requested"
 
 
 def test_electrons_are_told_in_whole_numbers(scene: Scene) -> None:

@@ -190,8 +190,8 @@ def test_what_the_simulated_camera_decided_is_listed_as_the_run_recorded_it(run:
     assert table is not None
     assert table.rows == (
         ("bars, 0, 2", "rays", "", "0.0003 of white", "", "a card"),
-        ("bars, 0, 2", "halo", "on", "0.05 of light", "", "w"),
-        ("bars, 0, 2", "gamma", "off", "", "", "the scene has none"),
+        ("", "halo", "on", "0.05 of light", "", "w"),
+        ("", "gamma", "off", "", "", "the scene has none"),
     )
     assert drawn_table(replace(run, start={})) is None
 

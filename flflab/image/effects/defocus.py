@@ -9,6 +9,7 @@ from typing import ClassVar
 from flflab.image.regime import Regime
 
 MEAN_REACH = 0.4244  # mean of |x| over the unit disc, 4 / (3 pi)
+SHARP = 1e-3  # px of blur: less is in focus
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class Defocus:
 
     def why(self, regime: Regime) -> str:
         """What a blur below half a pixel does, or that the target is out of focus."""
+        if regime.blur < SHARP:
+            return "the target is in focus"
         return (
             f"a blur of {regime.blur:.2g} pixels softens edges"
             if regime.blur < 0.5
