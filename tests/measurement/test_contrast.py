@@ -16,6 +16,7 @@ from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.contrast.curve import ContrastCurve, fit_contrast, fit_contrasts
+from flflab.measurement.contrast.data import field_of, gather
 from flflab.measurement.lattice.nominal import nominal_lattice
 from flflab.measurement.lattice.registration import microlens_type_of
 from flflab.measurement.lattice.with_camera import lattice_behind
@@ -125,6 +126,27 @@ def test_bars_give_the_closed_form_contrast_within_their_uncertainty(
     assert np.abs(error[well_known]).max(initial=0.0) < 1.5e-3
     assert curve.chi2_per_pixel == pytest.approx(1.0, abs=scatter)
     assert curve.geometry[0] == pytest.approx(-shift, abs=2e-3)
+
+
+def test_runs_of_pixels_that_noise_lifts_above_full_scale_read_what_they_would_without_it(
+    brute: Any,
+) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    lattice = nominal_lattice(camera, 3000.0)
+    count, range_dn = len(lattice.centres_px), NOISE.full_scale_dn - NOISE.offset_dn
+    field = field_of(lattice, lattice.inside_radius_px, np.ones(count, dtype=np.bool_))
+    ends = np.tile([-1000.0, 1000.0], (count, 1))
+    for below in (1.0, 1.5, 2.5):  # standard deviations of a pixel's noise
+        level = range_dn - below * np.sqrt(range_dn * NOISE.dn_per_electron)
+        flat = np.ones(RESOLUTION[::-1])
+        picture = brute.expose(flat, NOISE, level, np.random.default_rng(7))
+        data, saturated = gather(
+            picture, lattice, field, camera.sensor, NOISE, ends, 16, None, np.ones(count),
+            np.ones(count),
+        )  # fmt: skip
+        assert saturated > 0.005 * data.pixels.sum()
+        mean = float(np.average(data.read, weights=data.pixels))
+        assert abs(mean / level - 1) < 2e-4  # left out: 1e-4 to 2e-3 less
 
 
 @pytest.mark.ci

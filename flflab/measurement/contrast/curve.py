@@ -42,7 +42,13 @@ from flflab.measurement.contrast.search import (
     with_fitted_blur,
     with_fitted_gains,
 )
-from flflab.measurement.contrast.views import as_strong, jackknife, views_of, with_views
+from flflab.measurement.contrast.views import (
+    as_strong,
+    jackknife,
+    unsure_blurs,
+    views_of,
+    with_views,
+)
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import (
     defocus_apart,
@@ -183,7 +189,8 @@ def fit_contrast(
     sees the target as sharply as it.
 
     The target's place is found within 6 % of its width, its magnification within a few per cent;
-    both are fitted together with the curve. Saturated pixels are left out.
+    both are fitted together with the curve. Runs of pixels that are mostly saturated are left
+    out; where few are, what noise lifted above full scale is added.
 
     Args:
         picture: DN, [row, col], in the camera's resolution.
@@ -308,7 +315,7 @@ def _fit_type(
             fit = settle(frame, data, fit, model)
         plain = data, model, fit
         data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model, before)
-    prior = prior_of(frame, data, model.knots)
+    prior, unsure = prior_of(frame, data, model.knots), np.zeros(0)
     by_views, views = np.zeros((len(prior.mean),) * 2), views_of(data, model, fit)
     if views.differ and _is_bars(frame, data, model, fit):  # more than a tilt explains
         alike = data, model, fit, prior
@@ -318,11 +325,12 @@ def _fit_type(
         views, model, fit = with_views(views, data, model, fit, prior, starts)
         prior = as_strong(prior, model, fit)
         by_views = jackknife(data, views, model, fit, prior)
+        unsure = unsure_blurs(data, views, model, fit)
         data = views.seen_in(data)
         if noise_covariance(data, model, fit, prior)[1] > noise_covariance(*alike)[1]:
             data, model, fit, prior = alike  # views by themselves went astray
             by_views = np.zeros_like(by_views)
-    return _curve(frame, fit, data, model, prior, by_tilt, float(lost.mean()), by_views)
+    return _curve(frame, fit, data, model, prior, by_tilt, float(lost.mean()), by_views, unsure)
 
 
 def _is_bars(frame: Frame, data: ChirpData, model: ChirpModel, fit: ChirpFit) -> bool:
@@ -432,13 +440,15 @@ def _ends(frame: Frame) -> Array:
 
 
 def _over_views(
-    data: ChirpData, model: ChirpModel, fit: ChirpFit, nu: Array
-) -> tuple[Array, Array]:
-    """Share of each view in each frequency, by its pixels near it, shape (V, K); and how much more
-    of it the views pass in that mean than one blurred as all are together, shape (K,).
+    data: ChirpData, model: ChirpModel, fit: ChirpFit, nu: Array, unsure: Array
+) -> tuple[Array, Array, Array]:
+    """Share of each view in each frequency, by its pixels near it, shape (V, K); how much more of
+    it the views pass in that mean than one blurred as all are together, shape (K,); and how much
+    less where each one's blur is more by its uncertainty (mm^2), shape (V, K).
     """
     lenses, first, view = np.unique(data.lens, return_index=True, return_inverse=True)
     own = model.template.through(data.wider[first], nu)
+    less = own - model.template.through(data.wider[first] + unsure, nu) if unsure.size else 0 * own
     frequency, share = model.frequency(data.seen_at(fit.geometry)), np.zeros(own.shape)
     for k, one in enumerate(nu):
         near = np.abs(frequency - one) <= model.knots.step / 2
@@ -446,7 +456,8 @@ def _over_views(
         share[:, k] = np.bincount(view[near], 1 / data.shot[near], minlength=len(lenses))
     share /= np.maximum(share.sum(axis=0), 1e-300)
     seen = share.any(axis=0)
-    return share, np.where(seen, np.sum(share * own, axis=0) - model.template.transfer(nu), 0.0)
+    sharper = np.where(seen, np.sum(share * own, axis=0) - model.template.transfer(nu), 0.0)
+    return share, sharper, share * less
 
 
 def _curve(
@@ -458,6 +469,7 @@ def _curve(
     by_tilt: Array,
     lost: float,
     by_views: Array,
+    unsure: Array,
 ) -> ContrastCurve:
     target, sensor = frame.target, frame.camera.sensor
     covariance, chi2 = noise_covariance(data, model, fit, prior)
@@ -486,7 +498,7 @@ def _curve(
     nu = np.linspace(*target.cycles_per_mm, KNOTS + 2)[1:-1]
     nu = nu[(nu >= model.span[0]) & (nu <= model.span[1])]
     design = transfer_rows(model, fit.curve, nu)
-    share, sharper = _over_views(data, model, fit, nu)
+    share, sharper, less = _over_views(data, model, fit, nu, unsure)
     design[:, 0] += sharper
     dimmed = SURROUNDINGS * lost * (design[:, :-1] @ fit.curve)
     waves = 0.0 if frame.wavelength is None else WAVES_ERROR**2
@@ -495,7 +507,7 @@ def _curve(
     more = np.sqrt(np.maximum(scatter / np.diag(spread), 1.0))
     # views of one column share the pixels' phase, which their scatter cannot show
     floor = PHASE_ERROR**2 if by_views.any() else 0.0
-    spread = spread * np.outer(more, more) + floor * np.eye(len(nu))
+    spread = spread * np.outer(more, more) + floor * np.eye(len(nu)) + less.T @ less
     frequency = target.frequency(data.seen_at(fit.geometry))
     near = np.array(
         [data.pixels[np.abs(frequency - one) <= model.knots.step / 2].sum() for one in nu]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtr
 
 from flflab.measurement.lattice.falloff import shade
 from flflab.measurement.lattice.lattice import Lattice
@@ -24,6 +25,7 @@ Whole = npt.NDArray[np.int64]
 
 MARGIN_PX = 1.0  # within the bright field: keeps the averaging of the rim's pixels out
 MOST_ROWS = 128
+MOST_CLIPPED = 0.3  # of a run's pixels: what noise lifts above full scale is then known well
 GAUSS_ROWS = 0.5 / math.sqrt(
     3
 )  # of a run's length from its middle: two points have the mean of what is bent over it
@@ -121,6 +123,7 @@ def _gather(
     height, width = picture.shape
     count, saturated = 0, 0
     total, middle, number = np.zeros(2), np.zeros(2), np.zeros(2, dtype=np.int64)
+    clipped = np.zeros(2, dtype=np.int64)
     for n, lens in enumerate(lenses):
         cx, cy = centres[lens, 0], centres[lens, 1]
         top, bottom = max(0.0, cy + ends[n, 0]), min(height - 1.0, cy + ends[n, 1])
@@ -132,8 +135,7 @@ def _gather(
             start, last = int(np.ceil(max(top, cy - half))), int(np.floor(min(bottom, cy + half)))
             while start <= last:
                 end = min(start + rows_a_run - 1, last)
-                total[:], middle[:], number[:] = 0.0, 0.0, 0
-                spoilt = False
+                total[:], middle[:], number[:], clipped[:] = 0.0, 0.0, 0, 0
                 for row in range(start, end + 1):
                     hidden = False
                     for k in range(len(steps)):
@@ -144,15 +146,15 @@ def _gather(
                     if hidden:
                         continue
                     value = float(picture[row, column])
-                    if value >= full:
-                        spoilt = True
-                        saturated += 1
                     p = row % parities
-                    total[p] += value
+                    if value >= full:
+                        clipped[p] += 1
+                        saturated += 1
+                    total[p] += min(value, full)
                     middle[p] += row
                     number[p] += 1
                 for p in range(parities):
-                    if number[p] > 0 and not spoilt:
+                    if number[p] > 0 and clipped[p] <= MOST_CLIPPED * number[p]:
                         # which sub-lattice: rows of one parity in one column are of one filter
                         gain = gains[p % 2, column % 2]
                         out[count, 0] = (total[p] / number[p] - offset) / gain
@@ -162,6 +164,7 @@ def _gather(
                         out[count, 4] = number[p]
                         out[count, 5] = gain
                         out[count, 6] = 2 * p + column % 2 if parities == 2 else 0
+                        out[count, 7] = clipped[p]
                         count += 1
                 start = end + 1
     return count, saturated
@@ -198,11 +201,12 @@ def gather(
             within one as the other terms of light do.
 
     Returns:
-        The runs without saturated pixels, and how many pixels were saturated.
+        The runs, where noise lifts few pixels above full scale what it would be without that end,
+        and how many pixels were saturated.
     """
     parities = 1 if gains is None else 2
     side = 2 * int(field.radius_px) + 3
-    out = np.empty((len(field.lenses) * side * (side // rows_a_run + 2) * parities, 7))
+    out = np.empty((len(field.lenses) * side * (side // rows_a_run + 2) * parities, 8))
     count, saturated = _gather(
         picture,
         lattice.centres_px,
@@ -218,7 +222,10 @@ def gather(
         np.ones((2, 2)) if gains is None else gains,
         out,
     )
-    read, column, row, lens, number, gain, sublattice = out[:count].T
+    read, column, row, lens, number, gain, sublattice, clipped = out[:count].T
+    full = (noise.full_scale_dn - noise.offset_dn) / gain
+    single = noise.dark_variance / gain**2, noise.dn_per_electron / gain
+    read = np.where(clipped > 0, _unclipped(read, full, *single), read)
     height, width = picture.shape
     lens = lens.astype(np.int64)
     centre = sensor_position(sensor, lattice.centres_px)[lens]
@@ -256,6 +263,22 @@ def gather(
         ),
         saturated,
     )
+
+
+def _unclipped(read: Array, full: Array, dark: Array, shot: Array) -> Array:
+    """Mean of readings before an end of the scale: what is above it reads as it.
+
+    The mean of min(x, F), x normal round m with the deviation s, is F - s (z P(z) + p(z)), z = (F -
+    m)/s.
+    """
+    spread = np.sqrt(dark + shot * np.maximum(read, 0.0))
+    mean = read
+    for _ in range(8):
+        z = (full - mean) / spread
+        below = ndtr(z)
+        density = np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
+        mean = mean + (read - full + spread * (z * below + density)) / np.maximum(below, 0.1)
+    return mean
 
 
 @numba.njit(nogil=True, cache=True)

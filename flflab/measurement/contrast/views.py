@@ -327,3 +327,12 @@ def jackknife(
     moves = np.array([-inverse_of(whole - normal[n]) @ right[n] for n in range(groups)])
     moves -= moves.mean(axis=0)
     return (groups - 1) / groups * moves.T @ moves
+
+
+def unsure_blurs(data: ChirpData, views: Views, model: ChirpModel, fit: ChirpFit) -> Array:
+    """Standard uncertainty of the square of every view's disc, mm^2, shape (V,): bars of two or
+    four pixels hardly show it.
+    """
+    tie = np.diag(_tied(views))
+    inverse = [inverse_of(one.own + tie)[BLUR, BLUR] for one in _sums(data, views, model, fit)]
+    return np.sqrt(np.array(inverse))

@@ -2,7 +2,8 @@
 
 Each is one error a frame and quantity, the same for all numbers of it: every contrast of a curve is
 off together, every position along the frame in proportion to where it lies (what would shift them
-all alike moves no property), every radius by the same.
+all alike moves no property), every radius by the same. A fifth of it may differ from one contrast,
+and from one dot, to the next: what shading and a halo leave is no exact scale.
 """
 
 from dataclasses import replace
@@ -22,6 +23,8 @@ from flflab.optics.smms import image_offset
 from flflab.verdict.properties.measured import Measured, as_placed
 
 Array = npt.NDArray[np.float64]
+
+APART = 0.2  # of a floor: by how much single numbers of a frame may be off otherwise
 
 
 def with_floor(one: Measured, floor: MeasurementFloorDescription, optics: Camera) -> Measured:
@@ -52,9 +55,10 @@ def _curve(
     """
     share = floor.position / max(lattice.inside_radius_px / 2, 1.0)
     moved = np.array([0.0, share, 0.0, share, 0.0]) * curve.geometry
+    apart = APART**2 * np.eye(len(curve.covariance))
     return replace(
         curve,
-        covariance=curve.covariance + floor.contrast**2,
+        covariance=curve.covariance + floor.contrast**2 * (1 + apart),
         extremes_uncertainty=np.hypot(curve.extremes_uncertainty, floor.contrast),
         geometry_uncertainty=np.hypot(curve.geometry_uncertainty, moved),
     )
@@ -126,6 +130,6 @@ def _dot(dot: DotViews, camera: Camera, distance: float, position: float) -> Dot
     moved = np.array([*aside, depth])
     return replace(
         dot,
-        uncertainty_mm=np.hypot(dot.uncertainty_mm, moved),
+        uncertainty_mm=np.hypot(dot.uncertainty_mm, np.hypot(1, APART) * moved),
         common_mm=np.concatenate([dot.common_mm, moved[:, None]], axis=1),
     )
