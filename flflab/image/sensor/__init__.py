@@ -1,3 +1,3 @@
-"""From light to numbers: exposure, the sensor's response, its noise by counter, and the raw
+"""From light to numbers: exposure, the sensor's response, its noise row by row, and the raw
 picture.
 """

@@ -1,4 +1,4 @@
-"""From light to numbers: what a sensor reads of an image, with noise by counter and the sensor's
+"""From light to numbers: what a sensor reads of an image, with noise row by row and the sensor's
 own faults.
 """
 
@@ -19,12 +19,10 @@ from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
 from flflab.image.effects.shot_noise import ShotNoise
-from flflab.image.sensor.draws import draw
-from flflab.image.sensor.random_numbers import LONGEST, Key, noise_key
+from flflab.image.sensor.random_numbers import generator, noise_key
 
 Array = npt.NDArray[np.float64]
 
-BAND_ROWS = 8  # rows worked through together lie in the cache from light to numbers
 MOST_ELECTRONS = 1e12
 
 
@@ -63,12 +61,7 @@ class SensorResponse:
 
 
 def digitise(
-    image: Array,
-    electrons_at_white: float,
-    response: SensorResponse,
-    key: Key,
-    *,
-    corner: tuple[int, int] = (0, 0),
+    image: Array, electrons_at_white: float, response: SensorResponse, key: int
 ) -> npt.NDArray[np.uint16]:
     """What the sensor reads of an image.
 
@@ -76,115 +69,83 @@ def digitise(
         image: irradiance in units of the white level, [row, column].
         electrons_at_white: mean electrons in a pixel at the white level.
         response: the sensor.
-        key: names the frame (``noise_key``); the noise of a pixel depends on it and on the pixel's
-            place and mean, and on nothing else.
-        corner: (row, column) on the sensor of the image's pixel [0, 0]: a part of a frame reads as
-            in the whole frame.
+        key: names the frame (``noise_key``); the noise of a row depends on it and on the row's
+            place and light, and on nothing else.
 
     Returns:
         Numbers from 0 to full scale, the shape of the image.
 
     Raises:
-        InputError: image, exposure or corner is negative or not finite, or beyond what can be
-            counted.
+        InputError: image or exposure is negative or not finite, or beyond what can be counted.
     """
-    _check(image.shape, electrons_at_white, corner)
     numbers = np.empty(image.shape, dtype=np.uint16)
-    most = response.quantisation.full_scale
-
-    def read(first: int, last: int) -> Iterator[None]:
-        for rows in _few(first, last):
-            signal = _signal(
-                image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1])
-            )
-            numbers[rows] = np.clip(np.rint(signal, out=signal), 0, most, out=signal)
-            yield
-
-    in_bands(read, len(image))
+    _read_rows(image, electrons_at_white, response, key, numbers)
     return numbers
 
 
-def read_out(
-    image: Array,
-    electrons_at_white: float,
-    response: SensorResponse,
-    key: Key,
-    *,
-    corner: tuple[int, int] = (0, 0),
-) -> Array:
+def read_out(image: Array, electrons_at_white: float, response: SensorResponse, key: int) -> Array:
     """What ``digitise`` makes numbers of: DN before they are rounded and limited to the range of
     the numbers; see there.
     """
-    _check(image.shape, electrons_at_white, corner)
     signal = np.empty(image.shape)
-
-    def read(first: int, last: int) -> Iterator[None]:
-        for rows in _few(first, last):
-            signal[rows] = _signal(
-                image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1])
-            )
-            yield
-
-    in_bands(read, len(image))
+    _read_rows(image, electrons_at_white, response, key, signal)
     return signal
 
 
-def _check(shape: tuple[int, ...], electrons_at_white: float, corner: tuple[int, int]) -> None:
+def _read_rows(
+    image: Array,
+    electrons_at_white: float,
+    response: SensorResponse,
+    key: int,
+    out: npt.NDArray[np.uint16] | Array,
+) -> None:
     if not (math.isfinite(electrons_at_white) and electrons_at_white >= 0):
         raise InputError(
             f"digitise: electrons_at_white is {electrons_at_white:g}; a finite number from 0 up is"
             " allowed"
         )
-    end = (corner[0] + shape[0], corner[1] + shape[1])
-    if min(corner) < 0 or max(end) > LONGEST:
-        raise InputError(
-            f"digitise: rows and columns from {corner} to {end}; 0 to {LONGEST} are allowed"
-        )
+    most = response.quantisation.full_scale
+
+    def read(first: int, last: int) -> Iterator[None]:
+        for row in range(first, last):
+            signal = _signal(image[row] * electrons_at_white, response, key, row)
+            if out.dtype == np.uint16:
+                np.clip(np.rint(signal, out=signal), 0, most, out=signal)
+            out[row] = signal
+            yield
+
+    in_bands(read, len(image))
 
 
-def _few(first: int, last: int) -> Iterator[slice]:
-    """Rows worked through together."""
-    for start in range(first, last, BAND_ROWS):
-        yield slice(start, min(start + BAND_ROWS, last))
-
-
-def _signal(
-    light: Array,
-    electrons_at_white: float,
-    response: SensorResponse,
-    key: Key,
-    corner: tuple[int, int],
-) -> Array:
-    """DN of some pixels before rounding."""
-    means = light * electrons_at_white
-    offset = np.zeros(1)
-    pattern, dead = response.fixed_pattern, response.dead_pixels
-    if pattern is not None and (pattern.gain > 0 or pattern.offset > 0):
-        own = draw(light.shape, corner, noise_key(pattern.name, pattern.seed))
-        means *= 1 + pattern.gain * own.normal(0)
-        offset = pattern.offset * own.normal(1)
+def _signal(means: Array, response: SensorResponse, key: int, row: int) -> Array:
+    """DN of a row of pixels before rounding, from what light makes of electrons on average."""
+    count, offset, hot = len(means), np.zeros(1), response.hot_pixels
+    if (pattern := response.fixed_pattern) is not None:
+        own = generator(noise_key(pattern.name, pattern.seed), row)
+        means = means * (1 + pattern.gain * own.standard_normal(count))
+        offset = pattern.offset * own.standard_normal(count)
     if response.dark_current is not None:
-        means += response.dark_current.electrons
-    if response.hot_pixels is not None and response.hot_pixels.share > 0:
-        hot = response.hot_pixels
-        own = draw(light.shape, corner, noise_key(hot.name, hot.seed))
-        means += hot.electrons * own.chosen(hot.share) * own.exponential()
-    if means.size and not (means.min() >= 0 and means.max() < MOST_ELECTRONS):
+        means = means + response.dark_current.electrons
+    if hot is not None:
+        own = generator(noise_key(hot.name, hot.seed), row)
+        means = means + (own.random(count) < hot.share) * own.exponential(hot.electrons, count)
+    if count and not (means.min() >= 0 and means.max() < MOST_ELECTRONS):
         raise InputError(
             f"digitise: the image is negative, not finite, or beyond {MOST_ELECTRONS:g} electrons"
             " somewhere; light from 0 up is allowed"
         )
-    drawn = draw(light.shape, corner, key) if response.shot_noise or response.read_noise else None
-    electrons = drawn.poisson(means) if drawn is not None and response.shot_noise else means
+    electrons = means
+    if response.shot_noise is not None:
+        electrons = generator(key, row).poisson(means).astype(np.float64)
     if response.saturation is not None:
-        np.minimum(electrons, response.saturation.full_well, out=electrons)
-    if drawn is not None and response.read_noise:
-        electrons += response.read_noise.electrons * drawn.normal(1)
-    electrons += offset
-    electrons *= response.quantisation.dn_per_electron
-    electrons += response.quantisation.offset_dn
-    if dead is not None and dead.share > 0:
-        own = draw(light.shape, corner, noise_key(dead.name, dead.seed))
-        stuck = own.chosen(dead.share)
-        electrons[stuck] = np.where(own.coin[stuck], response.quantisation.full_scale, 0)
-    return electrons
+        electrons = np.minimum(electrons, response.saturation.full_well)
+    if response.read_noise is not None:
+        read = generator(key, row, stream=1).standard_normal(count)
+        electrons = electrons + response.read_noise.electrons * read
+    numbers = response.quantisation
+    signal = (electrons + offset) * numbers.dn_per_electron + numbers.offset_dn
+    if (dead := response.dead_pixels) is not None:
+        own = generator(noise_key(dead.name, dead.seed), row)
+        stuck, full = own.random(count) < dead.share, own.random(count) < 0.5
+        signal[stuck] = np.where(full[stuck], numbers.full_scale, 0)
+    return signal
