@@ -157,3 +157,23 @@ def test_units_are_known_by_their_ratio() -> None:
 def test_a_picture_without_a_lattice_is_refused_in_one_sentence(picture: Array) -> None:
     with pytest.raises(MeasurementError, match="white picture"):
         lattice_behind(camera(4.0, (360, 300), pixel=0.0166), picture, NOISE)
+
+
+@pytest.mark.parametrize("f_number", [2.1, 2.2])
+def test_micro_images_that_touch_have_their_radii_though_light_does_not_fall_off(
+    f_number: float,
+) -> None:
+    focal, array, gap, lens, pixel = 45.55, 50.19, 0.4677, 0.3378, 0.0030244
+    camera = Camera(
+        MainLens(focal, f_number),
+        MicrolensArray("hexagonal", (9, 11), (0.28485, 0.28485), 0.2797, (lens,), array),
+        Sensor((555, 449), pixel, array + gap),
+    )
+    picture = render(one_plane(camera, White(), 650.0), tolerance=1e-4)
+    noisy = np.random.default_rng(1).poisson(picture * 3500 / 0.34) * 0.34 + 64
+    noise = SensorNoise(dn_per_electron=0.34, read_noise_dn=0.5, offset_dn=64, full_scale_dn=4095)
+    found = lattice_behind(camera, np.rint(noisy).astype(np.uint16), noise)
+    shadow, disc = focal / f_number * gap / array, 0.2797 * abs(1 + gap / array - gap / lens)
+    assert found.outside_radius_px == pytest.approx((shadow + disc) / 2 / pixel, rel=0.005)
+    assert found.inside_radius_px == pytest.approx((shadow - disc) / 2 / pixel, rel=0.02)
+    assert found.misfit < 0.002

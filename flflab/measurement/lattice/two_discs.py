@@ -122,8 +122,9 @@ def _half(light: Array) -> float:
     return last + (light[last] - 0.5) / max(light[last] - light[last + 1], 1e-12)
 
 
-def discs_in(profile: Profile, shape: Shape, start: Array) -> Array:
-    """Radii of the two discs that are nearest to a profile measured roughly, px, shape (2,).
+def discs_in(profile: Profile, shape: Shape, start: Array) -> tuple[Array, float]:
+    """Radii of the two discs that are nearest to a profile measured roughly, px, shape (2,), and
+    what they leave of it.
 
     Args:
         profile: the light across, as it was seen.
@@ -142,8 +143,8 @@ def discs_in(profile: Profile, shape: Shape, start: Array) -> Array:
     most = 2 * max(profile.end, float(start[0]))
     low = [SMALLEST_PX, SMALLEST_PX, 0.5]
     begun = np.clip([*start, 1.0], np.array(low) * 1.01, [0.99 * most, 0.99 * most, 1.9])
-    found = least_squares(left, begun, bounds=(low, [most, most, 2.0]), diff_step=1e-3).x
-    return np.sort(found[:2])[::-1]
+    found = least_squares(left, begun, bounds=(low, [most, most, 2.0]), diff_step=1e-3)
+    return np.sort(found.x[:2])[::-1], float(found.cost)
 
 
 def seen_beside(base: TwoDiscs, radii: Array, shape: Shape) -> Array:

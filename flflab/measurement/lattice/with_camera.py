@@ -162,8 +162,7 @@ def _fitted(
 ) -> tuple[Fitted, TwoDiscs, Shape]:
     """Micro-images fitted with discs, these discs, and what else makes their light."""
     tilting, picture = cone_of(camera).tilting, pixels.picture.shape
-    shape = Shape(cone_of(camera), 1.0, LOOSE_SHARE, _dark(pixels, rough.light))
-    discs = two_discs(discs_in(indexed.profile, shape, _nominal_discs(camera)), shape)
+    discs, shape = _begun(pixels, rough, indexed, camera)
     values = with_light_around(indexed.values, indexed.found)
     kept = touching(values, picture, discs.profile.end)
     indices, values, found = indexed.indices[kept], values[kept], indexed.found[kept]
@@ -202,6 +201,19 @@ def _fitted(
     misfit = float(np.median(doubt.misfit[inner]))
     fitted = Fitted(indices, values, found, discs.profile, doubt, slopes, model.joint, misfit)
     return fitted, discs, shape
+
+
+def _begun(
+    pixels: Pixels, rough: RoughLattice, indexed: Indexed, camera: Camera
+) -> tuple[TwoDiscs, Shape]:
+    """Discs and share of fall-off by the mean of all micro-images, roughly."""
+    tried = list[tuple[float, Array, Shape]]()
+    for share in SHARES:
+        shape = Shape(cone_of(camera), share, LOOSE_SHARE, _dark(pixels, rough.light))
+        radii, left = discs_in(indexed.profile, shape, _nominal_discs(camera))
+        tried.append((left, radii, shape))
+    _, radii, shape = min(tried, key=lambda one: one[0])
+    return two_discs(radii, shape), shape
 
 
 def _share_seen(
