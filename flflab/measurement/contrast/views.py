@@ -2,10 +2,9 @@
 differ by more than the noise shows.
 
 Every view has six numbers beside the common fit (``NUMBERS``), normally distributed over the views.
-How wide, their own scatter says (expectation maximisation); a number that scatters no more than
-noise is left out. They are eliminated view by view from the normal equations of the common
-parameters. How far these hang on single views is what deleting one group of views after the other
-changes (the jackknife).
+How wide, their own scatter says (expectation maximisation). They are eliminated view by view from
+the normal equations of the common parameters. How far these hang on single views is what deleting
+one group of views after the other changes (the jackknife).
 """
 
 import itertools
@@ -132,7 +131,7 @@ def _tied(views: Views) -> Array:
 
 
 def views_of(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Views:
-    """The views of a fit of all alike, and by which of their own numbers they differ clearly."""
+    """The views of a fit of all alike, and whether they differ clearly."""
     lenses, half = np.unique(data.lens), float(np.abs(data.places[:, 1]).max(initial=1e-9))
     pixel = model.template.pixel
     units = np.array([1.0, 1.0, 1.0, pixel, abs(float(fit.geometry[1])), pixel**2])
@@ -144,7 +143,8 @@ def views_of(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Views:
     free = np.einsum("nij,nj->ni", inverse, [one.right for one in sums])
     chi2 = np.mean(free**2 / np.maximum(np.einsum("nii->ni", inverse), 1e-300), axis=0)
     differ = (chi2 > 1 + CLEARLY * math.sqrt(2 / len(lenses))) & (len(lenses) > 2)
-    return replace(views, spread=np.where(differ, views.spread, 0.0))
+    # a fit gone astray does not say in what they differ
+    return replace(views, spread=views.spread * bool(differ.any()))
 
 
 def with_views(
