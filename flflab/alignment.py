@@ -50,37 +50,6 @@ class Attitude:
         }
 
 
-@dataclass(frozen=True)
-class Sensitivity:
-    """What a tilt of 1 rad does at a point of the array, mm on the sensor, to first order.
-
-    Attributes:
-        centre: how far the micro-image moves, along the line from the axis.
-        lens_radius: change of the radius of the main lens's shadow.
-        microlens_radius: change of the radius of the microlens's shadow.
-    """
-
-    centre: float
-    lens_radius: float
-    microlens_radius: float
-
-
-def sensitivity(camera: Camera, height: float) -> Sensitivity:
-    """Derivatives by a tilt towards a point at ``height`` mm from the axis: of y S/(L + z), A (b -
-    z)/(2 (L + z)), d |kappa|/2.
-    """
-    smms = central_smms(camera)
-    L, b, f = float(smms.distance), float(smms.gap), float(smms.focal)
-    by_z = -(L + b) / L**2
-    return Sensitivity(
-        centre=height * by_z * height,
-        lens_radius=float(smms.lens_aperture) / 2 * by_z * height,
-        microlens_radius=math.copysign(float(smms.aperture) / 2, float(smms.kappa))
-        * (by_z + 1 / f)
-        * height,
-    )
-
-
 def attitude_of(lattice: Lattice) -> Attitude:
     """Roll and tilt by a measured lattice.
 

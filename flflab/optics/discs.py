@@ -18,7 +18,6 @@ Array = npt.NDArray[np.float64]
 
 # For kernels whose sums may be taken in any order, in which nothing is infinite or not a number.
 LOOSE = {"contract", "nsz", "nnan", "ninf", "reassoc", "arcp"}
-GAUSS = math.sqrt(1 / 12)  # of a step: how far from its middle its two places lie
 SERIES_TERMS = 34
 SERIES_LIMIT = 0.35
 # Coefficients of (integral of sqrt(z (1 - z)) from 0 to z) / z^(3/2): (-1)^n binomial(1/2, n) / (n
@@ -341,32 +340,3 @@ def lens_chord(x: float, y: float, radius: float, at: float) -> tuple[float, flo
     half = math.sqrt(max(0.0, 1.0 - at * at))
     other = math.sqrt(max(0.0, (radius - (at - y)) * (radius + (at - y))))
     return max(-half, x - other), min(half, x + other)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def lens_strip(
-    x: float, y: float, radius: float, low: float, high: float, start: float, end: float
-) -> tuple[float, float, float, float]:
-    """Rectangle with the area and the centroid of a strip of that region, from the chords in
-    Gauss's two places of the strip.
-
-    The region's rows from ``low`` to ``high`` are counted by an angle, from 0 to pi, in which the
-    ends of chords are smooth; the strip reaches from ``start`` to ``end``.
-
-    Returns:
-        Middle across and up, width (0 for an empty strip) and height.
-    """
-    half = 0.5 * (high - low)
-    height = half * (math.cos(start) - math.cos(end))
-    area, across, up = 0.0, 0.0, 0.0
-    for place in (0.5 - GAUSS, 0.5 + GAUSS):
-        cos = math.cos(start + place * (end - start))
-        at = low + half * (1.0 - cos)
-        left, right = lens_chord(x, y, radius, at)
-        part = max(0.0, right - left) * math.sqrt(1.0 - cos * cos)
-        area += part
-        across += part * (left + right)
-        up += part * at
-    if area <= 0.0:
-        return 0.0, low + half * (1.0 - math.cos(0.5 * (start + end))), 0.0, height
-    return 0.5 * across / area, up / area, 0.5 * area * half * (end - start) / height, height

@@ -1,6 +1,5 @@
 """Overlapping discs against 60-digit arithmetic and against counting."""
 
-import itertools
 import math
 
 import numpy as np
@@ -13,7 +12,6 @@ from flflab.optics.discs import (
     disc_rectangle_area,
     lens_chord,
     lens_rows,
-    lens_strip,
     three_disc_area,
     two_disc_area,
     two_disc_areas,
@@ -179,31 +177,3 @@ def test_the_strips_of_a_lens_add_up_to_its_area() -> None:
         assert (high - low) * float(np.mean(chords)) == pytest.approx(
             two_disc_area(1.0, radius, distance), abs=2e-4
         )
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "radius"),
-    [(0.0, 0.0, 2.0), (1.7, -1.4, 3.0), (-0.6, 0.8, 0.9), (0.2, 2.2, 3.0), (0.1, 0.3, 0.4)],
-)
-def test_a_strip_stands_for_all_points_of_the_lens_in_it(x: float, y: float, radius: float) -> None:
-    step = 0.002
-    across, up = np.meshgrid(np.arange(-1, 1, step) + step / 2, np.arange(-1, 1, step) + step / 2)
-    within = (across**2 + up**2 < 1) & ((across - x) ** 2 + (up - y) ** 2 < radius**2)
-    low, high = float(up[within].min()) - step / 2, float(up[within].max()) + step / 2
-    for strips in (4, 8):
-        ends = np.pi * np.arange(strips + 1) / strips
-        for start, end in itertools.pairwise(ends):
-            middle, at, width, height = lens_strip(
-                x, y, radius, low, high, float(start), float(end)
-            )
-            top, bottom = (
-                (low + high - (high - low) * math.cos(angle)) / 2 for angle in (end, start)
-            )
-            points = within & (up > bottom) & (up < top)
-            assert height == pytest.approx(top - bottom)
-            moments = width * height * np.array([1.0, middle, at])
-            counted = (
-                np.array([np.count_nonzero(points), across[points].sum(), up[points].sum()])
-                * step**2
-            )
-            assert moments == pytest.approx(counted, abs=0.2 / strips**2)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.alignment import attitude_of, find_crossing, nominal_slopes, sensitivity
+from flflab.alignment import attitude_of, find_crossing, nominal_slopes
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import pitch_and_angle
 from flflab.measurement.lattice.nominal import nominal_lattice
@@ -75,16 +75,6 @@ def test_roll_and_tilt_come_back_from_drawn_rays(degrees: tuple[float, float, fl
     found = fitted(images(roll, yaw, pitch))
     np.testing.assert_allclose(found.values[8:], np.tan([yaw, pitch]), atol=1e-6)
     assert pitch_and_angle("square", found.vectors)[1] == pytest.approx(roll, abs=1e-6)
-
-
-def test_sensitivities_are_the_derivatives_of_drawn_rays() -> None:
-    y, tilt = np.array([3.0]), 1e-6
-    at, zero = drawn(y, tilt * y), drawn(y, 0 * y)
-    expected = [float((after - before)[0]) / tilt for after, before in zip(at, zero, strict=True)]
-    found = sensitivity(CAMERA, 3.0)
-    np.testing.assert_allclose(
-        [found.centre, found.lens_radius, found.microlens_radius], expected, rtol=1e-4
-    )
 
 
 def test_uncertainties_of_a_noisy_attitude_cover_the_truth() -> None:

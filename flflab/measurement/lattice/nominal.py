@@ -26,17 +26,7 @@ UNITS = {
     2.54: "inches and centimetres",
 }
 NEAR = 0.08  # of a ratio of units
-STRONG = 8.0  # times the median amplitude round a wave that is there
-ASIDE, ROUND = (
-    0.02,
-    12,
-)  # of a wave's number and bins: where it may lie, and what it is compared with
 UNCERTAINTY_PX = 1.0  # of its radii and centres
-
-
-def nominal_pitch_px(camera: Camera) -> float:
-    """How far micro-images should lie apart: p (1 + b/L)."""
-    return camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
 
 
 def nominal_vectors_px(camera: Camera) -> Array:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from flflab.measurement.lattice.tilting import Tilting, tilting_of
 from flflab.optics.camera import Camera
-from flflab.optics.discs import common_row, common_span, two_disc_area, two_disc_areas
+from flflab.optics.discs import common_row, common_span, two_disc_area
 from flflab.optics.resolution import central_smms
 
 Array = npt.NDArray[np.float64]
@@ -31,13 +31,6 @@ NUDGE = 0.01  # px by which a radius is moved for its derivative
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 _CHORD, _CHORD_WEIGHTS = np.polynomial.legendre.leggauss(12)
 _RADII = 193  # at which the fall-off is averaged over the pupil
-
-
-def overlap_share(distance: Array, large: float, small: float) -> Array:
-    """Area common to two discs over that of the second; lengths in one unit, ``small`` above 0."""
-    return two_disc_areas(
-        np.asarray(large), np.asarray(small), np.asarray(distance, dtype=np.float64)
-    ) / (np.pi * small**2)
 
 
 @dataclass(frozen=True)

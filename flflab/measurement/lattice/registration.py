@@ -175,15 +175,6 @@ def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:
     return focal[nearest]
 
 
-def same_type_as_central(lattice: Lattice, camera: Camera) -> npt.NDArray[np.bool_]:
-    """Which micro-images belong to microlenses of the central one's focal length; all of them where
-    there is only one.
-    """
-    if len(camera.array.focal_lengths) == 1:
-        return np.ones(len(lattice.centres_px), dtype=np.bool_)
-    return microlens_type_of(lattice, camera) == float(central_smms(camera).focal)
-
-
 def bright_pixels(
     lattice: Lattice, shape: tuple[int, int], margin_px: float, chosen: npt.NDArray[np.bool_]
 ) -> PixelSet:
