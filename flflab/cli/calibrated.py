@@ -1,6 +1,7 @@
 """What a calibration ends with: the bench fitted to a run, its table, its files."""
 
 import math
+from pathlib import Path
 
 from rich import box
 from rich.table import Table
@@ -38,11 +39,18 @@ def conclude(run: Run, as_json: bool = False) -> Calibration:
     bench = read_bench(run.folder / "bench.yaml")
     with measuring(run, "resume"):
         found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
-    files = write_calibration(found, bench, run.folder)
-    if as_json:
-        place = {"run": str(run.folder.resolve()), "files": [file.name for file in files]}
-        print_json(calibration_numbers(found) | place)
-        return found
+    (say_numbers if as_json else say_words)(found, write_calibration(found, bench, run.folder))
+    return found
+
+
+def say_numbers(found: Calibration, files: tuple[Path, ...]) -> None:
+    """Print the calibration as JSON, with the run and the names of its files."""
+    place = {"run": str(files[0].parent.resolve()), "files": [file.name for file in files]}
+    print_json(calibration_numbers(found) | place)
+
+
+def say_words(found: Calibration, files: tuple[Path, ...]) -> None:
+    """Print the table and what is not determined, and where the files are."""
     console = Terminal(piped=140)
     console.print(table_of(found, console.width))
     for sentence in state_calibration(found):
@@ -50,7 +58,6 @@ def conclude(run: Run, as_json: bool = False) -> Calibration:
     console.print(
         f"Written: {', '.join(str(file) for file in files)}", highlight=False, soft_wrap=True
     )
-    return found
 
 
 def table_of(found: Calibration, width: int) -> Table:
