@@ -335,9 +335,9 @@ def test_one_distance_and_no_dots_leave_the_main_lens_undetermined(small: BenchM
         fit_bench(small, blind[:1])
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("off", [-0.15, pytest.param(0.3, marks=pytest.mark.full)])
+@pytest.mark.parametrize("off", [-0.15, 0.3])
 def test_a_sensor_far_off_is_found_from_pictures_out_of_focus(
     small: BenchModel, off: float
 ) -> None:

@@ -250,7 +250,7 @@ def test_a_wrong_microlens_or_iris_is_found_out_and_named(
     ("shown", "judged", "left_out"),
     [
         pytest.param("bars", ("contrast", "noise of the camera"), "views", id="bars twice"),
-        pytest.param("dots", ("number of views",), "contrast", id="dots"),
+        pytest.param("dots", ("number of views",), "contrast", id="dots", marks=pytest.mark.full),
     ],
 )
 def test_a_study_of_one_target_is_judged_by_what_it_shows(

@@ -97,8 +97,8 @@ def measured(
     ("f_number", "distance", "shift", "level", "scatter"),
     [
         (4.0, 497.0, 0.37, 3000, 0.1),
-        pytest.param(4.0, FOCUS, 0.0, 3000, 0.1, marks=pytest.mark.ci),
-        pytest.param(2.8, 490.0, -0.2, 3000, 0.1, marks=pytest.mark.ci),
+        pytest.param(4.0, FOCUS, 0.0, 3000, 0.1, marks=pytest.mark.full),
+        pytest.param(2.8, 490.0, -0.2, 3000, 0.1, marks=pytest.mark.full),
         # a dozen pixels across a view: few data for each knot of the curve
         pytest.param(8.0, FOCUS, 0.0, 3000, 0.4, marks=pytest.mark.ci),
         # what falls off within micro-images is not told from far overlap, and shows in the bars

@@ -62,10 +62,10 @@ SLOW = pytest.mark.ci
     [
         pytest.param(*SIMILAR, 1.0, marks=SLOW),
         (*UNLIKE, 5.0),
-        pytest.param(WIDE, FourDot(0.9, 3.1646), 455.4, 1.0, marks=SLOW),
+        pytest.param(WIDE, FourDot(0.9, 3.1646), 455.4, 1.0, marks=pytest.mark.full),
         (GALILEAN, FourDot(6.0, 20.0), 900.0, 2.0),
         pytest.param(GALILEAN, FourDot(6.0, 20.0), 600.0, 1.2, marks=SLOW),
-        pytest.param(GALILEAN, FourDot(10.0, 30.0), 900.0, 3.0, marks=SLOW),
+        pytest.param(GALILEAN, FourDot(10.0, 30.0), 900.0, 3.0, marks=pytest.mark.full),
         pytest.param(KINDS, FourDot(6.0, 20.0), 900.0, 4.0, marks=SLOW),
     ],
 )

@@ -141,7 +141,7 @@ def test_one_per_cent_of_noise_leaves_little_and_the_stated_uncertainty_says_how
     )  # without blur its variance, 0 or more, scatters on one side
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_the_fit_of_a_known_blur_is_as_good_as_any_can_be() -> None:
     """Root mean square over 60 noisy edges against the Cramer-Rao bound for angle, place, blur and
     both levels unknown.

@@ -76,8 +76,8 @@ def test_without_fall_off_none_is_corrected_for() -> None:
 @pytest.mark.parametrize(
     "f_number",
     [
-        *(pytest.param(n, marks=pytest.mark.ci) for n in (1.6, 8.0, 16.0)),
-        pytest.param(2.8, marks=pytest.mark.full),
+        *(pytest.param(n, marks=pytest.mark.ci) for n in (8.0, 16.0)),
+        *(pytest.param(n, marks=pytest.mark.full) for n in (1.6, 2.8)),
     ],
 )
 def test_at_one_percent_noise_every_whole_centre_is_where_its_chief_ray_lands(

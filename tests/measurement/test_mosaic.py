@@ -112,7 +112,9 @@ def read_back(image: Array, bits: int, file: Path) -> Mosaic:
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+@pytest.mark.parametrize(
+    "bits", [12, 16, *(pytest.param(n, marks=pytest.mark.full) for n in (10, 14))]
+)
 def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_within_their_uncertainty(
     brute: Any, tmp_path: Path, bits: int
 ) -> None:

@@ -42,7 +42,7 @@ def cluster() -> Iterator[str]:
 @pytest.mark.parametrize(
     ("distances", "arrays", "f_numbers"),
     [
-        pytest.param(4, 1, [4], marks=pytest.mark.ci),
+        pytest.param(4, 1, [4], marks=pytest.mark.full),
         pytest.param(25, 10, [2.8, 3.5, 4, 5.6], marks=pytest.mark.full),
     ],
     ids=["four", "thousand"],

@@ -16,7 +16,8 @@ from flflab.verdict.expectation import expect
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
-    "f_number", [pytest.param(2.8, marks=pytest.mark.full), pytest.param(4.0, marks=pytest.mark.ci)]
+    "f_number",
+    [pytest.param(2.8, marks=pytest.mark.full), pytest.param(4.0, marks=pytest.mark.full)],
 )
 def test_in_focus_a_plan_expects_what_benches_have(
     one_bench: Callable[..., Evaluation],

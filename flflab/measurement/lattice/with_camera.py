@@ -181,7 +181,8 @@ def _fitted(
         discs, values = _next(discs, values, inner, shape)
         if turn > 0:
             pixels = finer(pixels, pixels.misfit, max(closest, pixels.every // 2))
-            if discs.profile.end < FAR * rough.pitch:  # else hardly told from overlap
+            # where micro-images overlap far it is hardly told from that
+            if turn == len(STEPS) - 2 and discs.profile.end < FAR * rough.pitch:
                 shape = _share_seen(pixels, values, inner, discs, shape, model)
         pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
         shape = replace(shape, dark=_dark(pixels, float(np.median(values[inner, LIGHT]))))
