@@ -173,13 +173,13 @@ def test_bright_fields_of_a_few_pixels_are_refused(brute: Any) -> None:
         )
 
 
-def test_without_noise_the_bias_is_below_two_in_a_hundred_thousand(brute: Any) -> None:
+def test_without_noise_the_bias_is_below_three_in_a_hundred_thousand(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     white, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
     lattice = lattice_behind(camera, white * 3000 + 64, NOISE)
     curve = fit_contrast(bars * 3000 + 64, lattice, camera, Bars(), FOCUS, NOISE)
     error = curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)
-    assert np.abs(error).max() < 2e-5
+    assert np.abs(error).max() < 3e-5
     # the extremes of ideal bars are 1 up to half a cycle a pixel (eq. 2), whatever the phases of
     # the pixels
     sharp = curve.cycles_per_px < 0.45
