@@ -26,6 +26,8 @@ LENS = np.dtype(
         ("reach", "f8"),
         ("skew", "f8"),
         ("variance", "f8"),
+        ("of_type", "f8"),
+        ("blur", "f8"),
         ("kind", "i8"),
     ]
 )
@@ -50,6 +52,7 @@ SUMS = 7
 SLOTS = 17
 # variance of the derivative of smoothed noise (SMOOTHING_PX), cubic interpolation, over its own
 NOISE_SLOPE = 0.72
+MOST_SHARPENED = 0.6  # px^2: beyond, a view's curvature no longer says how its blur changes it
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -94,6 +97,7 @@ def sum_costs(
     optics: Record,
     stretches: Array,
     value: Pixels,
+    curvature: Pixels,
     weight: Pixels,
     delta: float,
     first: int,
@@ -126,6 +130,7 @@ def sum_costs(
             own, wide = _own(lens, optics, delta)
             stretch = stretches[lens.kind]
             aside = (lens.kappa + own) * lens.skew
+            sharpen = _sharpen(lens, own)
             y0 = own * (lens.y - ty * wide)
             reach2 = lens.reach**2
             for across in range(left, right):
@@ -146,9 +151,7 @@ def sum_costs(
                 if w <= 0:
                     continue
                 fx, fy = px - c, py - r
-                v = (1 - fy) * ((1 - fx) * value[r, c] + fx * value[r, c + 1]) + fy * (
-                    (1 - fx) * value[r + 1, c] + fx * value[r + 1, c + 1]
-                )
+                v = _between(value, r, c, fx, fy) + sharpen * curvature[r, c]
                 sums[0, line, across] += w
                 sums[1, line, across] += w * v
                 sums[2, line, across] += w * v * v
@@ -164,6 +167,18 @@ def _own(lens: Record, optics: Record, delta: float) -> tuple[float, float]:
     w = delta + b / distance
     own = (b - rise) * w / (b + rise * w) - (b - rise) / (distance + rise)
     return own, (distance + rise) / distance
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _sharpen(lens: Record, own: float) -> float:
+    """Times a view's curvature and added to it, this makes the view as sharp as its type's are.
+
+    A blurred disc of diameter d has the variance d^2/16 along an axis, and a difference of variance
+    s adds s/2 of the curvature; d = blur |kappa + delta|.
+    """
+    more = lens.of_type - lens.kappa
+    change = more * (lens.of_type + lens.kappa + 2 * own) * lens.blur**2 / 32
+    return min(max(change, -MOST_SHARPENED), MOST_SHARPENED)
 
 
 def stretches_at(defocus: Array, tables: Array, per_table: float) -> Array:
@@ -183,6 +198,14 @@ def stretches_at(defocus: Array, tables: Array, per_table: float) -> Array:
             shift, inside = (np.interp(even * found[kind], even, one[kind]) for one in tables)
             found[kind] = 1 / (1 - defocus[kind] * shift - inside)
     return found
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _between(value: Pixels, r: int, c: int, fx: float, fy: float) -> float:
+    """Linear interpolation."""
+    return (1 - fy) * ((1 - fx) * value[r, c] + fx * value[r, c + 1]) + fy * (
+        (1 - fx) * value[r + 1, c] + fx * value[r + 1, c + 1]
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -226,6 +249,7 @@ def sum_scores(
     optics: Record,
     tables: Array,
     value: Pixels,
+    curvature: Pixels,
     weight: Pixels,
     delta: Array,
     first: int,
@@ -280,6 +304,7 @@ def sum_scores(
                 if w <= 0:
                     continue
                 v, vx, vy = _cubic(value, r, c, px - c, py - r)
+                v += _sharpen(lens, here) * _between(curvature, r, c, px - c, py - r)
                 s[WEIGHT, across] += w
                 s[V, across] += w * v
                 s[VV, across] += w * v * v

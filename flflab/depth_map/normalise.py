@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_dilation, gaussian_filter
+from scipy.ndimage import binary_dilation, gaussian_filter, laplace
 
 from flflab.depth_map.geometry import SMOOTHING_PX
 from flflab.measurement.sensor.noise import SensorNoise
@@ -26,10 +26,12 @@ class Normalised:
 
     Attributes:
         value: smoothed, shape (rows, columns).
+        curvature: its second derivatives along x and y together, a px^2.
         weight: inverse variance of ``value``; 0 where a pixel is not used.
     """
 
     value: Pixels
+    curvature: Pixels
     weight: Pixels
 
 
@@ -58,9 +60,8 @@ def normalise(
     used = ~np.asarray(binary_dilation(~good, np.ones((3, 3))), dtype=np.bool_)
     even = _mean_of(np.where(good, variance, 0.0), good)
     weight = np.where(used, 1 / (LEFT_OF_NOISE * even), 0.0)
-    return Normalised(
-        np.asarray(smooth / np.maximum(share, 1e-3), dtype=np.float32), weight.astype(np.float32)
-    )
+    even_value = np.asarray(smooth / np.maximum(share, 1e-3), dtype=np.float32)
+    return Normalised(even_value, laplace(even_value), weight.astype(np.float32))
 
 
 def _mean_of(values: Array, good: npt.NDArray[np.bool_]) -> Array:

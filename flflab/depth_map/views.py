@@ -120,8 +120,8 @@ class Views:
         self._in_bands(band)
         return sums
 
-    def _pixels(self) -> tuple[Pixels, Pixels]:
-        return self.picture.value, self.picture.weight
+    def _pixels(self) -> tuple[Pixels, Pixels, Pixels]:
+        return self.picture.value, self.picture.curvature, self.picture.weight
 
     def _in_bands(self, work: Callable[[int, int], None]) -> None:
         rows = self.grid.shape[0]
@@ -146,11 +146,12 @@ def views_of(
     table = np.zeros(len(lenses.x), dtype=LENS)
     for name in ("x", "y", "column", "row", "rise", "kind", "variance"):
         table[name] = getattr(lenses, name)
-    for name in ("reach", "skew"):
+    for name in ("reach", "skew", "blur"):
         table[name] = np.array([getattr(kind, name) for kind in kinds])[lenses.kind]
     middle = len(KAPPA_STEPS) // 2
     own = np.array([kind.kappa for kind in kinds])[middle :: len(KAPPA_STEPS)]
-    table["kappa"] = own[lenses.kind // len(KAPPA_STEPS)] * lenses.kappa_factor
+    table["of_type"] = own[lenses.kind // len(KAPPA_STEPS)]
+    table["kappa"] = table["of_type"] * lenses.kappa_factor
     end = max(kind.table_end for kind in kinds)
     steps = len(kinds[0].shift)
     even = np.linspace(0, end, steps)
