@@ -121,6 +121,7 @@ class MicrolensKind:
         reach: how far from a micro-image's centre pixels are used.
         shift: shift(e)/e at ``TABLE_STEPS`` + 1 even steps of e from 0 to ``table_end``.
         inside: how far the light of a pixel lies inside its centre, over e, at the same steps.
+        variance: along one axis, of the cut aperture, px^2, at the same steps.
         table_end: where the tables end.
         skew: what the fall-off of an off-axis microlens adds to the shift, times y.
     """
@@ -130,6 +131,7 @@ class MicrolensKind:
     reach: float
     shift: Array
     inside: Array
+    variance: Array
     table_end: float
     skew: float
 
@@ -160,7 +162,7 @@ def kinds_of_microlens(
         reach = min(outside - least_illumination * rim, pitch - widest)
         table_end = max(outside, pixel)
         places = np.linspace(0, table_end, TABLE_STEPS + 1)
-        light, centroid = _cut_aperture(smms, places)
+        light, centroid, variance = _cut_aperture(smms, places)
         shift, inside = _as_seen(places / pixel, light, centroid / pixel, SMOOTHING_PX)
         if not cut_aperture:
             shift, inside = np.zeros_like(shift), np.zeros_like(inside)
@@ -173,6 +175,7 @@ def kinds_of_microlens(
                 reach=reach / pixel,
                 shift=shift,
                 inside=inside,
+                variance=variance / pixel**2,
                 table_end=table_end / pixel,
                 skew=skew,
             )
@@ -208,8 +211,8 @@ def off_kappa(smms: Smms, relative: float) -> Smms:
     return replace(smms, focal=focal)
 
 
-def _cut_aperture(smms: Smms, places: Array) -> tuple[Array, Array]:
-    """Light and centroid of the cut aperture at distances e from the micro-image's centre.
+def _cut_aperture(smms: Smms, places: Array) -> tuple[Array, Array, Array]:
+    """Light, centroid and variance (along one axis, the mean of both) of the cut aperture at distances e from the micro-image's centre.
 
     The aperture's point q (from the microlens's centre) is lit where |q| <= d/2 and
     |kappa q - e| <= A b/(2 L); its ray has the slope (e - q)/b, its light cos^4 of it.
@@ -218,12 +221,12 @@ def _cut_aperture(smms: Smms, places: Array) -> tuple[Array, Array]:
     own = float(smms.aperture) / 2
     shadow = float(smms.lens_width) / 2 / max(abs(kappa), 1e-12)
     nodes = (np.arange(CHORDS) + 0.5) / CHORDS
-    light, centroid = np.zeros_like(places), np.zeros_like(places)
+    light, centroid, variance = (np.zeros_like(places) for _ in range(3))
     for index, place in enumerate(places):
         middle = place / kappa if abs(kappa) > 1e-12 else 0.0
         low, high = max(-own, middle - shadow), min(own, middle + shadow)
         if high - low < 1e-6 * own:  # beyond the total field: what its edge has
-            centroid[index] = centroid[index - 1]
+            centroid[index], variance[index] = centroid[index - 1], variance[index - 1]
             continue
         q = low + (high - low) * nodes
         chord = np.sqrt(np.maximum(np.minimum(own**2 - q**2, shadow**2 - (q - middle) ** 2), 0.0))
@@ -231,7 +234,9 @@ def _cut_aperture(smms: Smms, places: Array) -> tuple[Array, Array]:
         part = chord * ((1 + slope2) ** -2 @ _WEIGHTS)
         light[index] = part.sum() * (high - low)
         centroid[index] = float(part @ q / part.sum())
-    return light / light.max(), centroid
+        across = (chord**2) / 3
+        variance[index] = float(part @ ((q - centroid[index]) ** 2 + across) / part.sum()) / 2
+    return light / light.max(), centroid, variance
 
 
 def _as_seen(places: Array, light: Array, centroid: Array, smoothing: float) -> tuple[Array, Array]:

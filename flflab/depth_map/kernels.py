@@ -52,7 +52,7 @@ SUMS = 7
 SLOTS = 17
 # variance of the derivative of smoothed noise (SMOOTHING_PX), cubic interpolation, over its own
 NOISE_SLOPE = 0.72
-MOST_SHARPENED = 0.6  # px^2: beyond, a view's curvature no longer says how its blur changes it
+MOST_SHARPENED = 2.0  # px^2: beyond, a view's curvature no longer says how its blur changes it
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -96,6 +96,7 @@ def sum_costs(
     lenses: Record,
     optics: Record,
     stretches: Array,
+    tables: Array,
     value: Pixels,
     curvature: Pixels,
     weight: Pixels,
@@ -130,7 +131,7 @@ def sum_costs(
             own, wide = _own(lens, optics, delta)
             stretch = stretches[lens.kind]
             aside = (lens.kappa + own) * lens.skew
-            sharpen = _sharpen(lens, own)
+            variances = tables[2, lens.kind]
             y0 = own * (lens.y - ty * wide)
             reach2 = lens.reach**2
             for across in range(left, right):
@@ -151,7 +152,8 @@ def sum_costs(
                 if w <= 0:
                     continue
                 fx, fy = px - c, py - r
-                v = _between(value, r, c, fx, fy) + sharpen * curvature[r, c]
+                v = _between(value, r, c, fx, fy)
+                v += _sharpen(lens, own, variances[cell]) * curvature[r, c]
                 sums[0, line, across] += w
                 sums[1, line, across] += w * v
                 sums[2, line, across] += w * v * v
@@ -170,14 +172,15 @@ def _own(lens: Record, optics: Record, delta: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _sharpen(lens: Record, own: float) -> float:
-    """Times a view's curvature and added to it, this makes the view as sharp as its type's are.
+def _sharpen(lens: Record, own: float, variance: float) -> float:
+    """Times a view's curvature and added to it, this makes the view as blurred as by the whole
+    aperture of its type's microlens.
 
-    A blurred disc of diameter d has the variance d^2/16 along an axis, and a difference of variance
-    s adds s/2 of the curvature; d = blur |kappa + delta|.
+    An aperture's variance times (kappa + delta)^2 is that of its blur; a variance more by s adds
+    s/2 of the curvature. A disc of diameter d has d^2/16 along an axis.
     """
-    more = lens.of_type - lens.kappa
-    change = more * (lens.of_type + lens.kappa + 2 * own) * lens.blur**2 / 32
+    due = (lens.of_type + own) ** 2 * lens.blur**2 / 16
+    change = (due - (lens.kappa + own) ** 2 * variance) / 2
     return min(max(change, -MOST_SHARPENED), MOST_SHARPENED)
 
 
@@ -195,7 +198,7 @@ def stretches_at(defocus: Array, tables: Array, per_table: float) -> Array:
     found = np.ones((kinds, steps))
     for _ in range(2):
         for kind in range(kinds):
-            shift, inside = (np.interp(even * found[kind], even, one[kind]) for one in tables)
+            shift, inside = (np.interp(even * found[kind], even, one[kind]) for one in tables[:2])
             found[kind] = 1 / (1 - defocus[kind] * shift - inside)
     return found
 
@@ -304,7 +307,9 @@ def sum_scores(
                 if w <= 0:
                     continue
                 v, vx, vy = _cubic(value, r, c, px - c, py - r)
-                v += _sharpen(lens, here) * _between(curvature, r, c, px - c, py - r)
+                away = math.sqrt(x * x + y * y) * optics.per_table
+                variance = tables[2, lens.kind, min(int(away), tables.shape[2] - 1)]
+                v += _sharpen(lens, here, variance) * _between(curvature, r, c, px - c, py - r)
                 s[WEIGHT, across] += w
                 s[V, across] += w * v
                 s[VV, across] += w * v * v

@@ -65,7 +65,8 @@ class Views:
         picture: the normalised picture.
         lenses: a table of the microlenses, sorted by y.
         optics: lengths of the whole camera and the grid.
-        tables: ``shift`` and ``inside`` of every kind of microlens, shape (2, kinds, steps).
+        tables: ``shift``, ``inside`` and ``variance`` of every kind of microlens, shape (3, kinds,
+            steps).
         kinds: the kinds of microlenses.
         grid: the places of the map.
     """
@@ -99,7 +100,15 @@ class Views:
         def band(first: int, last: int) -> None:
             table = np.rec.array(self.lenses)
             sum_costs(
-                table, self.optics[0], stretches, *self._pixels(), disparity, first, last, sums
+                table,
+                self.optics[0],
+                stretches,
+                self.tables,
+                *self._pixels(),
+                disparity,
+                first,
+                last,
+                sums,
             )
 
         self._in_bands(band)
@@ -161,6 +170,7 @@ def views_of(
             for one in (
                 [(kind, kind.shift) for kind in kinds],
                 [(kind, kind.inside) for kind in kinds],
+                [(kind, kind.variance) for kind in kinds],
             )
         ]
     )
