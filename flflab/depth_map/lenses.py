@@ -25,7 +25,7 @@ Whole = npt.NDArray[np.int64]
 KNOWN_PX = 0.5  # a centre less certain than this tells nothing of its own
 LEAST_SCATTER_PX = 0.005  # of microlenses about their lattice, px
 FEWEST = 8  # microlenses of a type, for a median
-MOST_SCATTER = 0.08  # robust, of the edges' widths of one type
+MOST_SCATTER = 0.15  # robust, of the edges' widths of one type
 MEDIAN_OVER_MEAN = 1.25  # of their standard errors
 # relative: how well the width of edges tells kappa without comparison, in pictures by plain rays
 EDGES_ALONE = 0.005
@@ -195,9 +195,10 @@ def _kinds(white: WhiteLenses) -> tuple[Whole, Array, float]:
         width = white.softness[own]
         median = float(np.median(width))
         spread = 1.48 * float(np.median(np.abs(width / median - 1)))
-        if spread > MOST_SCATTER:
-            continue
         chance = MEDIAN_OVER_MEAN * spread / count**0.5
+        if spread > MOST_SCATTER:
+            doubt = max(doubt, chance)
+            continue
         shared, unsure = _middle(median, chance)
         relative = np.clip(shared * width / median - 1, steps[0], steps[-1])
         kind[own] = one * len(steps) + np.argmin(np.abs(relative[:, None] - steps), axis=1)
