@@ -35,7 +35,7 @@ class ManualIrisKeys(Description):
 class ManualTargetKeys(Description):
     """``names``: the targets at hand."""
 
-    names: tuple[str, ...] = ("four-dot", "bars", "chirp", "edge", "white", "black")
+    names: tuple[str, ...] = ("four-dot", "bars", "chirp", "edge", "texture", "white", "black")
 
 
 class Question:

@@ -87,8 +87,7 @@ def drawings(bench: Bench, study: Study) -> tuple[Drawing, ...]:
     as described; configurations that are drawn alike share an entry.
     """
     found: dict[tuple[object, ...], Drawing] = {}
-    shown = [one for one in (study.dots, study.bars) if one.kind in study.shown]
-    for target in (White(), *shown):
+    for target in (White(), *study.targets):
         for one in study.configurations:
             camera = one.camera(bench.optics)
             scene, _ = next(light_scenes(bench, camera, target, one.distance))

@@ -16,7 +16,7 @@ from flflab.files.target import target_from
 from flflab.optics.camera import Camera
 from flflab.optics.focus import vergence_of
 from flflab.property_names import PROPERTY_NAMES
-from flflab.targets import Bars, FourDot
+from flflab.targets import Bars, FourDot, Texture
 from flflab.yaml_file import Lines, read_yaml
 
 
@@ -24,7 +24,7 @@ def _as_list(given: object) -> object:
     return given if isinstance(given, list) else [given]
 
 
-Kind = TypeVar("Kind", FourDot, Bars)
+Kind = TypeVar("Kind", FourDot, Bars, Texture)
 MOST_CONFIGURATIONS = 100_000
 Places = Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)]
 Lengths = Annotated[
@@ -100,7 +100,11 @@ class StudyDescription(Description):
     reference: Annotated[int, Field(ge=0)] = 0
     dots: dict[str, Any] = {"kind": "four-dot"}
     bars: dict[str, Any] = {"kind": "bars"}
-    targets: Annotated[list[Literal["dots", "bars"]], Field(min_length=1)] = ["dots", "bars"]
+    texture: dict[str, Any] = {"kind": "texture"}
+    targets: Annotated[list[Literal["dots", "bars", "texture"]], Field(min_length=1)] = [
+        "dots",
+        "bars",
+    ]
     exposure: ExposureDescription = ExposureDescription()
     mtf_standard_uncertainty: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     repeats: Annotated[int, Field(ge=1, le=100)] = 1
@@ -188,12 +192,15 @@ class Configuration:
 
 @dataclass(frozen=True)
 class Study:
-    """A study ready to be planned: its description, configurations and targets."""
+    """A study ready to be planned: its description, configurations and targets; ``texture`` is None
+    where none is shown.
+    """
 
     description: StudyDescription
     configurations: tuple[Configuration, ...]
     dots: FourDot
     bars: Bars
+    texture: Texture | None = None
 
     @property
     def settings(self) -> int:
@@ -201,10 +208,16 @@ class Study:
         return len(self.configurations) // self.description.repeats
 
     @property
+    def targets(self) -> tuple[FourDot | Bars | Texture, ...]:
+        """The targets that are shown after the white one."""
+        known = {"dots": self.dots, "bars": self.bars, "texture": self.texture}
+        found = (known[name] for name in self.description.targets)
+        return tuple(one for one in found if one is not None)
+
+    @property
     def shown(self) -> tuple[str, ...]:
-        """The targets that are shown after the white one, by kind."""
-        kinds = {"dots": self.dots.kind, "bars": self.bars.kind}
-        return tuple(kinds[target] for target in self.description.targets)
+        """Their kinds."""
+        return tuple(one.kind for one in self.targets)
 
 
 def focused_sensor(optics: Camera, array: float, distance: float) -> float:
@@ -332,7 +345,10 @@ def read_study(file: Path, optics: Camera) -> Study:
     configurations = repeated(configurations, description.repeats)
     dots = _target(description.dots, FourDot, Path(file), lines, "dots")
     bars = _target(description.bars, Bars, Path(file), lines, "bars")
-    return Study(description, configurations, dots, bars)
+    texture = None
+    if "texture" in description.targets:
+        texture = _target(description.texture, Texture, Path(file), lines, "texture")
+    return Study(description, configurations, dots, bars, texture)
 
 
 def _target(data: dict[str, Any], kind: type[Kind], file: Path, lines: Lines, field: str) -> Kind:

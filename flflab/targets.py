@@ -257,7 +257,7 @@ class Picture:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Texture(Picture):
     """A random texture, to be printed and put before the camera: depth is seen wherever there is
     some.
@@ -268,7 +268,7 @@ class Texture(Picture):
     ``width`` and height in mm, ``grain`` is the side of a texel in mm.
     """
 
-    values: Array = dataclasses.field(init=False)
+    values: Array = dataclasses.field(init=False, repr=False, compare=False)
     width: float = 60.0
     grain: float = 0.06
     seed: int = 0

@@ -15,7 +15,7 @@ def unlike_the_wheel(study: Study, bench: Bench) -> list[str]:
         return []
     given = bench.description.simulated.targets
     found: list[str] = []
-    for target in (target for target in (study.dots, study.bars) if target.kind in study.shown):
+    for target in study.targets:
         shown = target_from(
             {"kind": target.kind} | given.get(target.kind, {}),
             f"{bench.file}: simulated.targets",
@@ -24,6 +24,7 @@ def unlike_the_wheel(study: Study, bench: Bench) -> list[str]:
         pairs = [
             (one.name, getattr(target, one.name), getattr(shown, one.name))
             for one in fields(target)
+            if one.init
         ]
         different = [
             f"{name} {there} instead of {here}" for name, here, there in pairs if here != there

@@ -15,6 +15,7 @@ from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.measure import measure
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.study import Configuration, Study
+from flflab.targets import Texture
 from procedures.devices import Picture
 from procedures.steps import WHITE
 
@@ -100,6 +101,8 @@ class Glance:
                 f"micro-images {found.pitch_px:.2f} px apart, bright fields"
                 f" {2 * found.inside_radius_px:.1f} px wide"
             )
+        if target == Texture.kind:
+            return "a texture, whose depth map is made after the run"
         shown = {one.kind: one for one in (self._study.dots, self._study.bars)}[target]
         seen = measure(frame, camera, shown, configuration.distance, noise)
         if seen["dots"]:

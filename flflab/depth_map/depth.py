@@ -160,6 +160,7 @@ def map_of(
         disparity_sigma=np.hypot(
             found.sigma, by_kappa(found.disparity, views.kinds, ready.kappa_doubt)
         ),
+        shared=float(by_kappa(np.array(1.0), views.kinds, ready.kappa_doubt)),
         views=found.views.astype(np.int16),
         focus=focus,
         seen=seen | np.isfinite(found.disparity),

@@ -212,7 +212,8 @@ def off_kappa(smms: Smms, relative: float) -> Smms:
 
 
 def _cut_aperture(smms: Smms, places: Array) -> tuple[Array, Array, Array]:
-    """Light, centroid and variance (along one axis, the mean of both) of the cut aperture at distances e from the micro-image's centre.
+    """Light, centroid and variance (along one axis, the mean of both) of the cut aperture at
+    distances e from the micro-image's centre.
 
     The aperture's point q (from the microlens's centre) is lit where |q| <= d/2 and
     |kappa q - e| <= A b/(2 L); its ray has the slope (e - q)/b, its light cos^4 of it.

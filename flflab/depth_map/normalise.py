@@ -61,7 +61,9 @@ def normalise(
     even = _mean_of(np.where(good, variance, 0.0), good)
     weight = np.where(used, 1 / (LEFT_OF_NOISE * even), 0.0)
     even_value = np.asarray(smooth / np.maximum(share, 1e-3), dtype=np.float32)
-    return Normalised(even_value, laplace(even_value), weight.astype(np.float32))
+    return Normalised(
+        even_value, np.asarray(laplace(even_value), dtype=np.float32), weight.astype(np.float32)
+    )
 
 
 def _mean_of(values: Array, good: npt.NDArray[np.bool_]) -> Array:

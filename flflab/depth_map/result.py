@@ -30,7 +30,9 @@ class DepthMap:
 
     Attributes:
         disparity: virtual disparity delta = b/a - b/L of every place.
-        disparity_sigma: its own standard uncertainty, without what all places share.
+        disparity_sigma: its standard uncertainty, without what ``covariance`` moves.
+        shared: part of it, relative to the disparity, that all places share: the microlenses' mean
+            focal length.
         views: number of microlenses that were compared.
         focus: total focus, in units of the white target's radiance.
         seen: which places two microlenses look at.
@@ -44,6 +46,7 @@ class DepthMap:
 
     disparity: Array
     disparity_sigma: Array
+    shared: float
     views: npt.NDArray[np.int16]
     focus: Array
     seen: npt.NDArray[np.bool_]

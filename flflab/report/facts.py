@@ -13,6 +13,7 @@ from flflab.missing_light import missing_light
 from flflab.record import Run, frames_said, not_used
 from flflab.simulated_light import is_simulated
 from flflab.study import Study
+from flflab.targets import Texture
 from flflab.verdict.comparison import Row
 from flflab.verdict.diagnosis import likeliest
 from flflab.verdict.evaluation import Evaluation
@@ -251,6 +252,7 @@ def _wrong_targets(measured: tuple[Measured, ...], study: Study) -> list[str]:
         for name, kind, seen in (
             ("dots", study.dots.kind, any(one.dots for one in measured)),
             ("bars", study.bars.kind, any(one.curve for one in measured)),
+            ("texture", Texture.kind, any(one.plane for one in measured)),
         )
         if kind in study.shown and not seen
     ]

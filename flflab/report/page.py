@@ -120,6 +120,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         budget=budgets.summary_table(evaluation),
         visible=tables.visible_table(evaluation),
         budgets=budgets.budget_tables(evaluation),
+        planes=tables.planes_table(evaluation),
         properties_chart=charts.properties_chart(evaluation),
         views_chart=charts.views_chart(evaluation),
         difference_chart=charts.difference_chart(evaluation),
@@ -175,7 +176,8 @@ def _contents(evaluation: Evaluation, *, accuracy: bool, warned: bool) -> list[t
     found = [("causes", "possible causes")] if not evaluation.comparison.accepted else []
     found += [("warnings", "warnings")] if warned else []
     found += [("verdicts", "verdicts"), ("curves", "contrast (MTF)")]
-    found += [("properties", "fields, light, depth"), ("views", "number of views")]
+    found += [("properties", "fields, light, depth")]
+    found += [("views", "number of views")] if any(one.dots for one in evaluation.measured) else []
     if len(evaluation.measured) > 1:
         found.append(("differences", "differences and ratios"))
     found += [("uncertainties", "uncertainties"), ("visible", "what this run can show")]
@@ -236,9 +238,11 @@ def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> st
             " to include diffraction."
         )
     )
+    if not left:
+        return f"{sentence}, {verb}."
     return (
         f"{sentence}, {verb}; at the highest frequency compared a lens limited by diffraction alone"
-        f" keeps {100 * min(left, default=0.0):.0f} % of the contrast. {counted}"
+        f" keeps {100 * min(left):.0f} % of the contrast. {counted}"
     )
 
 

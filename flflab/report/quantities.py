@@ -22,6 +22,7 @@ PANELS = {  # drawn small, one panel each
     "image_pitch_mm": Quantity("pitch of the micro-images", *UM),
     "overlap_mm": Quantity(PROPERTY_NAMES["overlap_mm"], *UM),
     "dot_distance_mm": Quantity(PROPERTY_NAMES["dot_distance_mm"], "mm"),
+    "map_distance_mm": Quantity(PROPERTY_NAMES["map_distance_mm"], "mm"),
     "elr_row_px": Quantity(PROPERTY_NAMES["elr_row_px"], "px"),
     "light": Quantity(PROPERTY_NAMES["light"], *PERCENT),
     "depth_of_field_near_mm": Quantity("depth of field, near end", "mm"),

@@ -35,6 +35,34 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
 
+def planes_table(evaluation: Evaluation) -> Table | None:
+    """Depth maps of a texture against the stages; None where there are none."""
+    rows = tuple(
+        (
+            str(one.configuration.index),
+            f"{model.distance:.2f} mm",
+            f"{measured_number(seen.distance, seen.uncertainty)} mm",
+            f"{seen.distance - model.distance:+.2f} mm",
+            f"{seen.scatter:.2g} mm",
+            f"{100 * seen.within_1:.0f} %, {100 * seen.within_2:.0f} %",
+            f"{100 * seen.density:.0f} %",
+        )
+        for one, model in zip(evaluation.measured, evaluation.predicted, strict=True)
+        if (seen := one.plane) is not None
+    )
+    headings = (
+        "configuration",
+        "target by the stages",
+        "mean of the map",
+        "bias",
+        "scatter",
+        "within 1, 2 sigma of it",
+        "places with a value",
+    )
+    caption = "Depth maps of the texture against the stages (due within 1, 2 sigma: 68 %, 95 %)"
+    return Table(caption, headings, rows) if rows else None
+
+
 def number(value: float, digits: int = 6) -> str:
     """A number for people; ``infinity`` where there is no end to it."""
     if math.isnan(value):
@@ -285,8 +313,7 @@ def parts_table(bench: Bench, study: Study) -> Table:
                 f" {useful.maximum_crosstalk:g} (shares)"
             ),
         ),
-        ("dots", _target(study.dots)),
-        ("bars", _target(study.bars)),
+        *((one.kind, _target(one)) for one in study.targets),
         ("smallest gap allowed", f"{description.minimum_gap:g} mm between array and sensor"),
     ]
     return Table("Camera, settings and targets", ("part", "as described"), tuple(rows))

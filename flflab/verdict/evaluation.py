@@ -27,6 +27,7 @@ from flflab.verdict.prediction import Errors, as_described
 from flflab.verdict.properties.attitude import attitude
 from flflab.verdict.properties.contrast import contrasts
 from flflab.verdict.properties.depth import dot_distances, lateral_resolution
+from flflab.verdict.properties.depth_maps import map_distance, with_map
 from flflab.verdict.properties.fields import fields, overlap
 from flflab.verdict.properties.floor import with_floor
 from flflab.verdict.properties.focus import depth_of_field
@@ -70,6 +71,7 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "light": ("light",),
     "elr_row_px": ("elr_row_px",),
     "dot_distance_mm": ("dot_distance_mm",),
+    "map_distance_mm": ("map_distance_mm",),
     "target_image": ("dot_scale", "bar_scale", "target_roll_mrad"),
     "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
     "noise": ("noise",),
@@ -144,7 +146,7 @@ def evaluate(
     tell(0, len(configurations))
     with measuring_threads() as pool:
         for one in pool.map(
-            lambda configuration: measure_configuration(run, configuration, study, bench),
+            lambda one: with_map(measure_configuration(run, one, study, bench), run, study, bench),
             configurations,
         ):
             measured.append(one)
@@ -303,6 +305,7 @@ def properties(
             *noise(one, model),
         ]
         found += [dot_distances(one, model), *lateral_resolution(one, model)]
+        found += map_distance(one, model)
         found += target(one, model, bench.description.repeatability.stages)
     found += depth_of_field(measured, predicted) + light(
         measured, predicted, bench.description.light_uncertainty

@@ -1,4 +1,6 @@
-"""Depth maps of the frames of a run, with the uncertainty that the bench gives all their places."""
+"""Depth maps of the frames of a run, with the uncertainty that the bench gives all their places,
+and the mean distance of a flat texture against where the stage put it.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,16 +10,23 @@ import numpy.typing as npt
 
 from flflab.bench import Bench, Element
 from flflab.depth_map.depth import depth
+from flflab.depth_map.geometry import derivatives
 from flflab.depth_map.result import DepthMap
-from flflab.errors import MeasurementError
+from flflab.errors import InputError, MeasurementError
 from flflab.files.sensor_picture import SensorPicture
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
-from flflab.verdict.properties.measured import as_placed, mean_picture
+from flflab.targets import Texture
+from flflab.verdict.properties.depth import distance_of, offset_read
+from flflab.verdict.properties.measured import Measured, PlaneSeen, as_placed, mean_picture
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values, single
 
 Array = npt.NDArray[np.float64]
 
 WHITE = "white"
+SHARED_PX = 0.008  # px a pitch: what interpolation and cut views move a whole map by
+LEAST_BLOCKS = 4
 
 
 @dataclass(frozen=True)
@@ -130,3 +139,67 @@ def _place_uncertainty(bench: Bench, element: Element, worlds: dict[Element, flo
         return axis[1].uncertainty(axis[1].reading(worlds[element]))
     fixed = bench.description.fixed.stated()
     return fixed[element].uncertainty if element in fixed else 0.0
+
+
+def with_map(measured: Measured, run: Run, study: Study, bench: Bench) -> Measured:
+    """The same with the depth map of its texture, where the study shows one; where none can be
+    made, with the reason among its failures.
+    """
+    if Texture.kind not in study.shown:
+        return measured
+    try:
+        asked = PictureOfRun(measured.configuration, Texture.kind)
+        found = depth_of_frames(run, asked, bench, None)
+        return replace(measured, plane=plane_seen(found))
+    except (InputError, MeasurementError) as error:
+        failure = MeasurementError(f"depth map: {error}")
+        return replace(measured, failures=(*measured.failures, failure))
+
+
+def plane_seen(found: DepthMap) -> PlaneSeen:
+    """A flat target in a depth map.
+
+    The mean's uncertainty is the scatter of blocks as large as a microlens's view, which share
+    neither pixels nor most of their microlenses, and what all of them share.
+
+    Raises:
+        MeasurementError: too few places have a value.
+    """
+    away, camera = found.distance, found.camera
+    side = round(min(camera.array.pitch) / camera.sensor.pixel / abs(found.grid.step))
+    rows, columns = (size // side for size in away.shape)
+    blocks = away[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    seen = np.isfinite(blocks).mean(axis=(1, 3)) > 0.5
+    count = int(seen.sum())
+    if count < LEAST_BLOCKS:
+        raise MeasurementError(
+            f"the texture has values in {count} views of a microlens, at least {LEAST_BLOCKS} are"
+            " due: does it fill the frame, and is it in focus?"
+        )
+    means = np.nanmean(blocks.transpose(0, 2, 1, 3)[seen], axis=(1, 2))
+    mean = float(means.mean())
+    middle = float(np.nanmedian(found.disparity))
+    slope = abs(float(derivatives(np.array(middle), camera).by_disparity))
+    by_views = SHARED_PX * camera.sensor.pixel / min(camera.array.pitch)
+    shared = slope * float(np.hypot(by_views, found.shared * middle))
+    own = away[np.isfinite(away)]
+    sigmas = np.abs(own - mean) / found.sigma[np.isfinite(away)]
+    return PlaneSeen(
+        mean,
+        float(np.hypot(means.std(ddof=1) / np.sqrt(count), shared)),
+        float(own.std()),
+        float(np.mean(sigmas < 1)),
+        float(np.mean(sigmas < 2)),
+        found.density,
+    )
+
+
+def map_distance(one: Measured, model: Predicted) -> list[Values]:
+    """Mean distance of the texture's depth map, mm, against what the same parallax would read with
+    the stages' and optics' errors of each draw; nothing where there is no map.
+    """
+    if one.plane is None:
+        return []
+    read = distance_of(offset_read(model), model.camera) * model.stretches
+    index, seen = one.configuration.index, one.plane
+    return [single(index, "map_distance_mm", Texture.kind, seen.distance, seen.uncertainty, read)]

@@ -25,6 +25,27 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class PlaneSeen:
+    """The depth map of a flat target that faces the camera.
+
+    Attributes:
+        distance: mean over the map, mm.
+        uncertainty: its standard uncertainty by the map, mm.
+        scatter: of the places about that mean, root mean square, mm.
+        within_1: share of places within one stated sigma of that mean.
+        within_2: within two.
+        density: share of places that two microlenses see which have a value.
+    """
+
+    distance: float
+    uncertainty: float
+    scatter: float
+    within_1: float
+    within_2: float
+    density: float
+
+
+@dataclass(frozen=True)
 class Measured:
     """What the frames of one configuration show, and what else was recorded with them.
 
@@ -37,6 +58,7 @@ class Measured:
         curve: None where the bars could not be measured.
         dot_scale: size and turn of the square of dots; None where too few views tell them.
         noise: from frame to frame; None where no target was taken twice.
+        plane: by the depth map of a texture; None where none was shown or made.
         exposure_s: s.
         saturated: most saturated pixels in one frame.
         failures: what could not be measured and why, a sentence each.
@@ -53,6 +75,7 @@ class Measured:
     failures: tuple[MeasurementError, ...] = ()
     dot_scale: DotScale | None = None
     noise: NoiseRatio | None = None
+    plane: PlaneSeen | None = None
 
 
 def measure_configuration(
