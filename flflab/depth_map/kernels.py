@@ -26,7 +26,6 @@ LENS = np.dtype(
         ("reach", "f8"),
         ("skew", "f8"),
         ("variance", "f8"),
-        ("of_type", "f8"),
         ("blur", "f8"),
         ("kind", "i8"),
     ]
@@ -40,6 +39,8 @@ OPTICS = np.dtype(
         ("first_y", "f8"),
         ("step", "f8"),
         ("per_table", "f8"),
+        ("kappa", "f8"),
+        ("kappa_square", "f8"),
     ]
 )
 # sums of a place: information, score, misfit, number of views, mean value, what noise adds to the
@@ -153,7 +154,7 @@ def sum_costs(
                     continue
                 fx, fy = px - c, py - r
                 v = _between(value, r, c, fx, fy)
-                v += _sharpen(lens, own, variances[cell]) * curvature[r, c]
+                v += _sharpen(lens, optics, own, variances[cell]) * curvature[r, c]
                 sums[0, line, across] += w
                 sums[1, line, across] += w * v
                 sums[2, line, across] += w * v * v
@@ -172,14 +173,14 @@ def _own(lens: Record, optics: Record, delta: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _sharpen(lens: Record, own: float, variance: float) -> float:
+def _sharpen(lens: Record, optics: Record, own: float, variance: float) -> float:
     """Times a view's curvature and added to it, this makes the view as blurred as by the whole
     aperture of its type's microlens.
 
     An aperture's variance times (kappa + delta)^2 is that of its blur; a variance more by s adds
     s/2 of the curvature. A disc of diameter d has d^2/16 along an axis.
     """
-    due = (lens.of_type + own) ** 2 * lens.blur**2 / 16
+    due = (optics.kappa_square + own * (2 * optics.kappa + own)) * lens.blur**2 / 16
     change = (due - (lens.kappa + own) ** 2 * variance) / 2
     return min(max(change, -MOST_SHARPENED), MOST_SHARPENED)
 
@@ -309,7 +310,7 @@ def sum_scores(
                 v, vx, vy = _cubic(value, r, c, px - c, py - r)
                 away = math.sqrt(x * x + y * y) * optics.per_table
                 variance = tables[2, lens.kind, min(int(away), tables.shape[2] - 1)]
-                v += _sharpen(lens, here, variance) * _between(curvature, r, c, px - c, py - r)
+                v += _sharpen(lens, optics, here, variance) * _between(curvature, r, c, px - c, py - r)
                 s[WEIGHT, across] += w
                 s[V, across] += w * v
                 s[VV, across] += w * v * v

@@ -159,8 +159,7 @@ def views_of(
         table[name] = np.array([getattr(kind, name) for kind in kinds])[lenses.kind]
     middle = len(KAPPA_STEPS) // 2
     own = np.array([kind.kappa for kind in kinds])[middle :: len(KAPPA_STEPS)]
-    table["of_type"] = own[lenses.kind // len(KAPPA_STEPS)]
-    table["kappa"] = table["of_type"] * lenses.kappa_factor
+    table["kappa"] = own[lenses.kind // len(KAPPA_STEPS)] * lenses.kappa_factor
     end = max(kind.table_end for kind in kinds)
     steps = len(kinds[0].shift)
     even = np.linspace(0, end, steps)
@@ -179,5 +178,6 @@ def views_of(
     optics["gap"] = camera.optical_gap / pixel
     optics["first_x"], optics["first_y"] = grid.first
     optics["step"] = grid.step
+    optics["kappa"], optics["kappa_square"] = own.mean(), (own**2).mean()
     optics["per_table"] = (steps - 1) / end
     return Views(picture, table, optics, tables, kinds, grid)
