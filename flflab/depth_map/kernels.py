@@ -310,7 +310,9 @@ def sum_scores(
                 v, vx, vy = _cubic(value, r, c, px - c, py - r)
                 away = math.sqrt(x * x + y * y) * optics.per_table
                 variance = tables[2, lens.kind, min(int(away), tables.shape[2] - 1)]
-                v += _sharpen(lens, optics, here, variance) * _between(curvature, r, c, px - c, py - r)
+                v += _sharpen(lens, optics, here, variance) * _between(
+                    curvature, r, c, px - c, py - r
+                )
                 s[WEIGHT, across] += w
                 s[V, across] += w * v
                 s[VV, across] += w * v * v
