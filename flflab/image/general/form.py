@@ -5,6 +5,7 @@ distorts, motion. A pilot on some pixels finds how many rays a pixel needs, and 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +40,7 @@ MORE = 8  # times as many are looked at: targets may be dark in most
 LIT = 1e-3  # of white
 PILOT_SIDE = 10  # points a side of the pupil, for each quarter of a pixel, in either reference
 PILOT_TOLERANCE = 2e-3  # that they are good for; finer ones take more
-SHARED = 32  # pixels of a reference that share their points
+SHARED = 8  # pixels of a reference that share their points
 STILL = 0.5  # of a pixel's footprint: motion up to it widens a ray's box
 MOST_MOMENTS = 64
 KEPT = 0.85  # of the tolerance: what the pilot's estimate must be within
@@ -134,26 +135,23 @@ def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot
     """The fewest points whose error stays within a tolerance, by a look at random lit pixels.
 
     Two independent references of each pixel are compared with the picture: the mean of (V - A)(V -
-    B) is the mean squared error without bias.
+    B) is the mean squared error without bias; what it is uncertain by is counted.
     """
-    chosen = _lit(blocks)
-    if not chosen:
+    rows, columns = _lit(blocks)
+    if not len(rows):
         return Pilot(2, 0.0, 0.0)
+    groups = _groups(blocks, rows, columns)
     fine = math.ceil(PILOT_SIDE * min(max(math.sqrt(PILOT_TOLERANCE / tolerance), 1.0), 3.0))
     first, second = (
-        np.concatenate(
-            [_values(blocks, index, shifted_grid(fine, rng), places)
-             for index, places in chosen]
-        )
+        _summed(blocks, groups, len(rows), partial(shifted_grid, fine, rng))
         for rng in np.random.default_rng(1).spawn(2)
-    )  # fmt: skip
+    )
     found = Pilot(1, math.inf, math.inf)
     for side in range(2 if blocks.defocus else 1, most_side + 1):
-        points = grid(side)
-        values = np.concatenate(
-            [_values(blocks, index, points, places) for index, places in chosen]
-        )
-        squared = float(np.mean((values - first) * (values - second)))
+        values = _summed(blocks, groups, len(rows), partial(grid, side))
+        products = (values - first) * (values - second)
+        unsure = float(products.std()) * math.sqrt(SHARED / len(products))
+        squared = float(products.mean()) + unsure
         apart = np.abs(values - (first + second) / 2)
         rms = math.sqrt(max(squared, 0.0))
         found = Pilot(side, rms, float(np.percentile(apart, 99)))
@@ -175,46 +173,16 @@ def _tiles(
             yield (row, column), end
 
 
-def _lit(blocks: Blocks) -> list[tuple[int, tuple[Array, Array]]]:
-    """Random lit pixels: microlens, and places in few enough groups to share points."""
-    found: list[tuple[int, tuple[Array, Array]]] = []
-    coarse, count = grid(2), 0
-    for index, (x, y) in _chosen(blocks):
-        light = _values(blocks, index, coarse, (x, y)) > LIT
-        count += int(light.sum())
-        found.append((index, (x[light], y[light])))
-    kept = np.random.default_rng(2).random(count) < PILOT / max(count, 1)
-    parts: list[tuple[int, tuple[Array, Array]]] = []
-    start = 0
-    for index, (x, y) in found:
-        here, start = kept[start : start + len(x)], start + len(x)
-        for first in range(0, int(here.sum()), SHARED):
-            group = slice(first, first + SHARED)
-            parts.append((index, (x[here][group], y[here][group])))
-    return parts
-
-
-def _chosen(blocks: Blocks) -> Iterator[tuple[int, tuple[Array, Array]]]:
-    """Places of random pixels that microlenses light, mm from their micro-images' centres, in
-    proportion to the area of each.
-    """
+def _lit(blocks: Blocks) -> tuple[Whole, Whole]:
+    """Rows and columns of random lit pixels."""
     if not blocks.surfaces:
-        return
-    lenses, sensor = blocks.surfaces[0].lenses, blocks.scene.camera.sensor
-    rng = np.random.default_rng(0)
-    area = outside(lenses) ** 2
-    counts = np.ceil(MORE * PILOT * area / max(float(area.sum()), 1e-300)).astype(np.int64)
-    xs, ys = pixel_positions(sensor)
-    for index, lens in enumerate(lenses):
-        reach = float(outside(lenses)[index])
-        away = reach * np.sqrt(rng.random(counts[index]))
-        turn = 2 * np.pi * rng.random(counts[index])
-        columns = np.rint((lens["x"] + away * np.cos(turn) - xs[0]) / sensor.pixel)
-        rows = np.rint((lens["y"] + away * np.sin(turn) - ys[0]) / sensor.pixel)
-        here = (columns >= 0) & (columns < len(xs)) & (rows >= 0) & (rows < len(ys))
-        if here.any():
-            columns, rows = columns[here].astype(np.int64), rows[here].astype(np.int64)
-            yield index, (xs[columns] - lens["x"], ys[rows] - lens["y"])
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    columns, rows = (
+        np.random.default_rng(axis).integers(0, size, MORE * PILOT)
+        for axis, size in enumerate(blocks.scene.camera.sensor.resolution)
+    )
+    lit = light_at(blocks, rows, columns, partial(grid, 2)) > LIT
+    return rows[lit][:PILOT], columns[lit][:PILOT]
 
 
 def light_at(blocks: Blocks, rows: Whole, columns: Whole, points: Callable[[], Points]) -> Array:
@@ -226,15 +194,48 @@ def light_at(blocks: Blocks, rows: Whole, columns: Whole, points: Callable[[], P
         columns: the same.
         points: gives points of the pupil, anew for each microlens and few pixels.
     """
+    groups = _groups(blocks, rows, columns)
+    return _summed(blocks, groups, len(rows), points)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Few pixels that one microlens lights: which, and where from its micro-image's centre, mm."""
+
+    lens: int
+    pixels: Whole
+    x: Array
+    y: Array
+
+
+def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[_Group]:
     xs, ys = pixel_positions(blocks.scene.camera.sensor)
-    total, lenses = np.zeros(len(rows)), blocks.surfaces[0].lenses
+    lenses = blocks.surfaces[0].lenses
     reach = outside(lenses) + blocks.scene.camera.sensor.pixel
+    order = np.argsort(ys[rows], kind="stable")
+    down = ys[rows[order]]
+    found: list[_Group] = []
     for index, lens in enumerate(lenses):
-        ex, ey = xs[columns] - lens["x"], ys[rows] - lens["y"]
-        here = np.flatnonzero(ex * ex + ey * ey < reach[index] ** 2)
-        for start in range(0, len(here), SHARED):
-            few = here[start : start + SHARED]
-            total[few] += _values(blocks, index, points(), (ex[few], ey[few]))
+        first, last = np.searchsorted(down, lens["y"] + reach[index] * np.array([-1.0, 1.0]))
+        near = order[first:last]
+        ex, ey = xs[columns[near]] - lens["x"], ys[rows[near]] - lens["y"]
+        here = ex * ex + ey * ey < reach[index] ** 2
+        near, ex, ey = near[here], ex[here], ey[here]
+        for start in range(0, len(near), SHARED):
+            few = slice(start, start + SHARED)
+            found.append(_Group(index, near[few], ex[few], ey[few]))
+    return found
+
+
+def _summed(
+    blocks: Blocks, groups: list[_Group], pixels: int, points: Callable[[], Points]
+) -> Array:
+    """Light of so many pixels through all their microlenses: where micro-images overlap, errors
+    add up.
+    """
+    total = np.zeros(pixels)
+    for one in groups:
+        total[one.pixels] += _values(blocks, one.lens, points(), (one.x, one.y))
     return total
 
 
@@ -259,10 +260,11 @@ def _light(blocks: Blocks, index: int, rays: Rays, points: Points) -> Array:
         for place, surface in enumerate(blocks.surfaces):
             boxes = _boxes(blocks, surface, index, rays, points, (left_x, left_y))
             u, v = land(surface.lenses[index], surface.record, rays, moved)
-            here = seen(surface.plane.target, surface.known, u, v, boxes)
+            size = surface.plane.size or (math.inf, math.inf)
+            half = size[0] / 2, size[1] / 2
+            here = seen(surface.plane.target, surface.known, u, v, boxes, half)
             if surface.plane.size is not None:
-                width, height = surface.plane.size
-                part = covered(u, v, boxes, width / 2, height / 2)
+                part = covered(u, v, boxes, *half)
                 here *= part
                 light += free * here
                 free *= 1 - part
@@ -282,14 +284,16 @@ def _boxes(
     points: Points,
     motion: tuple[float, float],
 ) -> Boxes:
-    """The box of each pixel's rays on a target: the pixel, the pupil's cell, what motion is
-    left.
+    """The box of each pixel's rays on a target: the pixel, the pupil's cell, what motion is left.
+
+    Points that are shifted at random have no cell: their mean has no bias by its size.
     """
     by_sensor, by_pupil = surface.landing.by_sensor[index], surface.landing.by_pupil[index]
     by_motion = surface.landing.by_motion[index]
-    share = rays.share if points.exact else rays.weight.sum(axis=0)
     side = blocks.pixel if points.exact else blocks.pixel / 2
-    cell = math.pi * np.minimum(share, 1.0) / len(points.across)
+    cell = np.zeros_like(rays.share)
+    if points.exact:
+        cell = math.pi * np.minimum(rays.share, 1.0) / len(points.across)
     pixel = side * np.sqrt((by_sensor**2).sum(axis=1))
     other = (by_pupil**2).sum(axis=1)[:, None] * cell
     other += ((by_motion**2) @ np.square(motion))[:, None]

@@ -51,8 +51,16 @@ class Summed(NamedTuple):
     texel: float
 
 
-def seen(target: Target, known: Profile | Summed | None, u: Array, v: Array, boxes: Boxes) -> Array:
-    """Mean radiance over the box of each ray.
+def seen(
+    target: Target,
+    known: Profile | Summed | None,
+    u: Array,
+    v: Array,
+    boxes: Boxes,
+    half: tuple[float, float],
+) -> Array:
+    """Mean radiance over the box of each ray, as far as it lies on the card: what is on a card is
+    not mixed with what would be beyond its rim.
 
     Args:
         target: what is seen.
@@ -60,14 +68,15 @@ def seen(target: Target, known: Profile | Summed | None, u: Array, v: Array, box
         u: where the rays meet it, in its own axes, shape (N, P).
         v: the same.
         boxes: of each pixel's rays.
+        half: the card's half sides, mm; infinite without one.
     """
     if isinstance(known, Summed):
-        return see_texels(known, u, v, boxes)
+        return see_texels(known, u, v, boxes, half)
     if isinstance(target, Edge) and known is not None:
         along = (math.cos(target.angle), math.sin(target.angle))
-        return see_lines(known, u, v, boxes, along, math.inf)
+        return see_lines(known, u, v, boxes, along, math.inf, (math.inf, math.inf))
     if isinstance(target, Bars) and known is not None:
-        return see_lines(known, u, v, boxes, (1.0, 0.0), target.height / 2)
+        return see_lines(known, u, v, boxes, (1.0, 0.0), target.height / 2, half)
     if isinstance(target, FourDot):
         return see_dots(target.centres, target.diameter / 2, u, v, boxes)
     return np.full(u.shape, 0.0 if isinstance(target, Black) else 1.0)
@@ -92,6 +101,7 @@ def see_lines(
     boxes: Boxes,
     along: tuple[float, float],
     half_height: float,
+    half: tuple[float, float],
 ) -> Array:
     """Mean radiance of a target that varies along one direction, up to its ends across it."""
     light = np.zeros(u.shape)
@@ -101,19 +111,24 @@ def see_lines(
         aside = (boxes.other_u[index] * cos) ** 2 + (boxes.other_v[index] * sin) ** 2
         narrow = math.sqrt(aside + min(one, two) ** 2)
         wide = max(one, two)
+        full = wide + narrow
         tall = math.hypot(boxes.pixel_v[index], boxes.other_v[index])
         for point in range(u.shape[0]):
             part = 1.0
             if half_height < math.inf:
-                part = overlap(v[point, index], tall, half_height)
+                part = overlap(*_clipped(v[point, index], tall, half[1]), half_height)
             if part > 0.0:
                 place = u[point, index] * along[0] + v[point, index] * along[1]
-                reach = 0.5 * (wide + narrow)
+                place, length = _clipped(place, full, half[0])
+                share = length / full if full > 0.0 else 1.0
+                reach = 0.5 * length
                 first, last = piece_at(profile, place - reach), piece_at(profile, place + reach)
                 if first == last and (first < 0 or is_even(profile, first)):
                     light[point, index] = part * radiance(profile, place)
                 else:
-                    light[point, index] = part * mean_over_two(profile, place, wide, narrow)[0]
+                    light[point, index] = (
+                        part * mean_over_two(profile, place, share * wide, share * narrow)[0]
+                    )
     return light
 
 
@@ -136,17 +151,21 @@ def see_dots(centres: Array, radius: float, u: Array, v: Array, boxes: Boxes) ->
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def see_texels(summed: Summed, u: Array, v: Array, boxes: Boxes) -> Array:
+def see_texels(
+    summed: Summed, u: Array, v: Array, boxes: Boxes, half: tuple[float, float]
+) -> Array:
     """Mean radiance of a picture, black around it."""
     light = np.zeros(u.shape)
     table, texel = summed.table, summed.texel
     rows, columns = table.shape[0] - 1, table.shape[1] - 1
     for index in range(u.shape[1]):
-        wide = max(math.hypot(boxes.pixel_u[index], boxes.other_u[index]) / texel, 1e-6)
-        tall = max(math.hypot(boxes.pixel_v[index], boxes.other_v[index]) / texel, 1e-6)
+        whole_u = max(math.hypot(boxes.pixel_u[index], boxes.other_u[index]), 1e-6 * texel)
+        whole_v = max(math.hypot(boxes.pixel_v[index], boxes.other_v[index]), 1e-6 * texel)
         for point in range(u.shape[0]):
-            x = u[point, index] / texel + 0.5 * columns
-            y = v[point, index] / texel + 0.5 * rows
+            x, wide = _clipped(u[point, index], whole_u, half[0])
+            y, tall = _clipped(v[point, index], whole_v, half[1])
+            x, wide = x / texel + 0.5 * columns, wide / texel
+            y, tall = y / texel + 0.5 * rows, tall / texel
             left, right = _within(x - wide / 2, columns), _within(x + wide / 2, columns)
             low, high = _within(y - tall / 2, rows), _within(y + tall / 2, rows)
             if right > left and high > low:
@@ -170,6 +189,17 @@ def _corner(table: Array, row: float, column: float) -> float:
     above = table[i, j] * (1.0 - x) + table[i, j + 1] * x
     below = table[i + 1, j] * (1.0 - x) + table[i + 1, j + 1] * x
     return above * (1.0 - y) + below * y
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _clipped(place: float, side: float, half: float) -> tuple[float, float]:
+    """Middle and length of the part of a box that lies between -half and half; the box itself
+    where none does.
+    """
+    low, high = max(place - side / 2, -half), min(place + side / 2, half)
+    if high <= low:
+        return place, side
+    return (low + high) / 2, high - low
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
