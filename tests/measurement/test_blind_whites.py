@@ -18,7 +18,6 @@ from flflab.measurement.white_json import figures_of
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real_white"
 QUICK = (
     "GUV-like",
-    "antleg-like",
     "touching",
     "spots of 5.3 px",
     "hexagonal spots",
@@ -26,6 +25,7 @@ QUICK = (
     "wide gaps",
 )
 LATE = ("seaurchin-like", "R12-like", "worked example F/4", "corners at 5 %", "pitch of 480 px")
+BY_HAND = ("antleg-like",)  # the real one is measured every day
 
 
 def drawn(pictures: Any, spec: Any, seed: int) -> tuple[MeasuredWhite, Any, Any, Any]:
@@ -56,7 +56,12 @@ def stated(found: MeasuredWhite) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "name", [*QUICK, *(pytest.param(name, marks=pytest.mark.ci) for name in LATE)]
+    "name",
+    [
+        *QUICK,
+        *(pytest.param(name, marks=pytest.mark.ci) for name in LATE),
+        *(pytest.param(name, marks=pytest.mark.full) for name in BY_HAND),
+    ],
 )
 def test_every_whole_micro_image_is_indexed_and_found_where_it_was_drawn(
     white_pictures: Any, name: str

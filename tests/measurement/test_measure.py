@@ -92,7 +92,9 @@ def test_dots_and_other_targets(brute: Any) -> None:
         measure(np.zeros((1240, 1240)), camera, Picture(np.ones((2, 2)), 10.0))
 
 
-@pytest.mark.parametrize(("gap", "distance"), [(1.17, 506.7016), (1.15, 515.0)])
+@pytest.mark.parametrize(
+    ("gap", "distance"), [(1.17, 506.7016), pytest.param(1.15, 515.0, marks=pytest.mark.full)]
+)
 def test_dots_before_a_camera_of_another_gap_or_at_another_distance_tell_which(
     brute: Any, gap: float, distance: float
 ) -> None:

@@ -23,7 +23,7 @@ from sim.serve import Served, serve, write_bench
 WriteBench = Callable[..., Bench]
 
 
-@pytest.mark.parametrize("error", ["3 um", "-3 um"])
+@pytest.mark.parametrize("error", [pytest.param("3 um", marks=pytest.mark.full), "-3 um"])
 def test_the_true_gap_is_kept_through_homing_and_any_moves(
     write_bench_file: WriteBench, tmp_path: Path, error: str
 ) -> None:
