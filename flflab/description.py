@@ -145,7 +145,10 @@ def check(
         return found
     except ValidationError as error:
         faults: list[str] = []
+        meant = _meant(error, kind)
         for fault in error.errors():
+            if fault["type"] == "missing" and fault["loc"] in meant:
+                continue  # it is there under another name, which is said
             place = tuple(part for part in fault["loc"] if part != "[key]")  # of a field's name
             path, given = _given((*under, *place), lines), shortened(fault["input"])
             message = fault["msg"].removeprefix("Value error, ")
@@ -178,6 +181,13 @@ def check(
                 message = f"{message[0].lower()}{message[1:]}, not {given}"
             faults.append(f"{file}:{line_of(path, lines)}: {field}: {message}")
         raise InputError("\n".join(dict.fromkeys(faults))) from error
+
+
+def _meant(error: ValidationError, kind: type[BaseModel]) -> set[tuple[int | str, ...]]:
+    """Fields that unknown ones were probably meant to be."""
+    unknown = [one["loc"] for one in error.errors() if one["type"] == "extra_forbidden"]
+    near = [(*loc[:-1], nearest(str(loc[-1]), _fields_at(kind, loc[:-1]))) for loc in unknown]
+    return {(*place, name) for *place, name in near if name}
 
 
 def _given(path: Path_, lines: Mapping[Path_, int]) -> Path_:

@@ -116,10 +116,11 @@ class StudyDescription(Description):
     def _draws_tell_the_significance(self) -> "StudyDescription":
         # Half the draws are the distribution that a p-value is a share of, and every property has
         # its part of the significance.
-        least = 2 * math.ceil(len(PROPERTY_NAMES) / self.significance)
+        judged = len(PROPERTY_NAMES) - ("texture" not in self.targets)  # depth maps are of those
+        least = 2 * math.ceil(judged / self.significance)
         if self.draws < least:
             raise ValueError(
-                f"draws is {self.draws}, but {len(PROPERTY_NAMES)} properties share the"
+                f"draws is {self.draws}, but {judged} properties share the"
                 f" significance of {self.significance:g}; at least {least} draws resolve"
                 " that, 1000 are usual"
             )

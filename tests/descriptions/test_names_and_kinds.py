@@ -96,5 +96,6 @@ def test_a_misspelt_field_is_told_with_the_one_it_is_likely_to_be(tmp_path: Path
     with pytest.raises(
         InputError,
         match=rf"yaml:{line}: main_lens\.f_numbr: .* did you mean f_number\?",
-    ):
+    ) as refusal:
         read_camera(file)
+    assert "missing" not in str(refusal.value)  # it is not said a second time
