@@ -15,6 +15,8 @@ FAST = 5.0  # what ``fast`` makes of the tolerance
 # Largest distance by which one map for a micro-image may miss rays, over an edge's width, in units
 # of the tolerance: over all rays and all pixels the mean is a sixth of it.
 MISFIT = 3.0
+FINE = 0.25  # cycles over a blur's width: bars from there on are nowhere an edge by itself
+OFF_BY_MOTION = 0.03  # of contrast, times the square of motion over blur: counted as more blur
 MOVED = 1.0  # of an edge's width: motion up to it widens a target's edges, whatever its course
 
 

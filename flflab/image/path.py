@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.accuracy import MISFIT, MOVED
+from flflab.image.accuracy import FINE, MISFIT, MOVED, OFF_BY_MOTION
 from flflab.image.coarse import add_coarsely, step_of
 from flflab.image.fast.form import Upright, add_upright, upright
 from flflab.image.general.form import Pilot, add_rays, blocks_of, pilot
@@ -164,8 +164,7 @@ def _upright(
     if off > MISFIT * tolerance:
         return None, f"tilt and distortion move rays by {off:.2g} of an edge's width"
     way = moved(scene, plane, made)
-    allowed = 0.0 if isinstance(plane.target, FourDot) else MOVED
-    if way > allowed and not way * way <= tolerance:
+    if way > _allowed(plane, blur_width(scene, made), tolerance) and not way * way <= tolerance:
         return None, f"the target moves by {way:.2g} of an edge's width"
     return made, "one upright target"
 
@@ -176,10 +175,27 @@ def moved(scene: Scene, plane: Plane, made: Upright) -> float:
     """
     if scene.motion is None or math.isinf(plane.distance):
         return 0.0
+    way = math.hypot(*scene.motion.drift) + 2 * math.hypot(*scene.motion.vibration)
+    return way / blur_width(scene, made)
+
+
+def blur_width(scene: Scene, made: Upright) -> float:
+    """The least width to which pixel and pupil blur a point of the target, mm on it."""
     pixel = scene.camera.sensor.pixel
     width = np.hypot(made.lines["sensor"] * pixel, made.lines["pupil"]).min()
-    way = math.hypot(*scene.motion.drift) + 2 * math.hypot(*scene.motion.vibration)
-    return way / max(float(width), 1e-300)
+    return max(float(width), 1e-300)
+
+
+def _allowed(plane: Plane, width: float, tolerance: float) -> float:
+    """Motion, over the blur's width, that closed forms may count as more of the blur.
+
+    Two boxes w and s count as one of sqrt(w^2 + s^2): the contrast of a period P is then off by
+    sinc(w/P) sinc(s/P) (pi/P)^4 w^2 s^2/90, at most 0.03 (s/w)^2.
+    """
+    if isinstance(plane.target, FourDot):
+        return 0.0
+    fine = isinstance(plane.target, Bars) and max(plane.target.cycles_per_mm) * width > FINE
+    return min(MOVED, math.sqrt(tolerance / OFF_BY_MOTION)) if fine else MOVED
 
 
 def _with_waves(image: Array, scene: Scene, made: Upright, pixel: float) -> Light:

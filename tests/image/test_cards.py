@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from flflab.errors import InputError
@@ -10,10 +11,11 @@ from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
+from flflab.image.general.targets import Boxes, covered, known_of, seen
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor
-from flflab.targets import Bars, Black, Chirp, FourDot, Target, White
+from flflab.targets import Bars, Black, Chirp, FourDot, Target, Texture, White
 
 
 def test_waves_behind_a_card_are_refused_with_the_reason(camera: Camera) -> None:
@@ -103,3 +105,20 @@ def test_large_dots_past_cards_are_what_rays_say(
         distortion=Distortion(0.01),
     )
     assert typical_difference(scene, tolerance=0.002, count=6) < allowed(scene)
+
+
+@pytest.mark.parametrize("target", [Bars((12.9, 13.1), 9.8, 8.4), Texture(12.0, 0.06, 3)])
+def test_boxes_that_look_past_a_card_see_what_is_on_it_and_no_more(target: Target) -> None:
+    """Over all places of a box, wider or narrower than the card, the light adds up to the card's:
+    14 periods on it are not 14 beyond its rim.
+    """
+    half, step = (0.55, 0.3), 0.004
+    across = np.linspace(-2.0, 2.0, 1001)[:, None]
+    row = np.full_like(across, 0.03)  # the middle of a row of texels
+    columns = np.arange(-half[0] + step / 2, half[0], step)
+    for wide in (0.02, 0.3, 1.6):
+        boxes = Boxes(*(np.array([side]) for side in (0.05 * wide, 0.0, wide, 1e-6)))
+        light = seen(target, known_of(target), across, row, boxes, half)
+        light = light * covered(across, row, boxes, *half)
+        on_it = target.radiance(columns, np.full_like(columns, 0.03)).sum() * step
+        assert light.sum() * 0.004 == pytest.approx(on_it, rel=0.01)

@@ -18,7 +18,7 @@ from flflab.image.effects.stray_light import StrayLight
 from flflab.image.render import render
 from flflab.image.scene import ALL, Plane, Scene, one_plane
 from flflab.optics.camera import Camera, MainLens, Sensor, Substrate
-from flflab.targets import Bars, Edge, FourDot, Picture, White
+from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
 
@@ -187,6 +187,18 @@ def test_half_the_radiance_is_half_the_light(small: Camera) -> None:
     )
     apart = render(full) - 2 * render(half)
     assert np.sqrt(np.mean(apart**2)) < 3 * TOLERANCE  # each is within it, the half one twice
+
+
+def test_bars_that_move_by_half_a_period_are_the_mean_of_bars_that_stand(small: Camera) -> None:
+    fine, way, count = Chirp((9.0, 9.2), 6.0, 6.0), 0.055, 64
+    moving = render(replace(one_plane(small, fine, 500.0), motion=Motion(drift=(way, 0.0))))
+    standing = [
+        render(Scene(small, (Plane(fine, 500.0, offset=(way * ((k + 0.5) / count - 0.5), 0.0)),)))
+        for k in range(count)
+    ]
+    apart = moving - np.mean(standing, axis=0)
+    assert np.sqrt(np.mean(apart[moving > 0] ** 2)) < TOLERANCE
+    assert np.std(moving - standing[0]) > 0.01
 
 
 def test_scatter_is_the_same_for_a_seed_and_grows_with_its_numbers(small: Camera) -> None:
