@@ -110,7 +110,7 @@ def test_a_missing_folder_is_named(tmp_path: Path) -> None:
         (lambda text: text[: len(text) // 2], r"poses\.json:\d+: not YAML"),
         (
             lambda text: text.replace('"translation_mm"', '"translation"', 1),
-            r"0\.translation_mm: this field is missing",
+            r"0\.translation: there is no such field, did you mean translation_mm",
         ),
     ],
 )
