@@ -148,7 +148,7 @@ def test_a_planted_error_is_found_and_named(
     assert likeliest(run.suspects) == run.suspects[:1]
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(300)
 def test_longer_microlenses_are_named_where_the_array_is_turned_step_by_step_too(
     one_bench: OneRun,
