@@ -367,7 +367,7 @@ def test_pictures_of_another_pitch_are_not_taken_for_wrong_zeros(small: BenchMod
         calibrate(small, taken(other, other.nominal, np.random.default_rng(12)), DOTS)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(300)
 def test_a_hidden_bench_is_found_from_its_pictures(small: BenchModel) -> None:
     rng = np.random.default_rng(12)

@@ -63,9 +63,15 @@ def test_a_blank_wall_has_no_depth() -> None:
     assert [note.code for note in found.remarks].count("no-value") == 1
 
 
-@pytest.mark.ci
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("distance", [480.0, 507.0, 540.0])
+@pytest.mark.parametrize(
+    "distance",
+    [
+        pytest.param(480.0, marks=pytest.mark.full),
+        pytest.param(507.0, marks=pytest.mark.full),
+        pytest.param(540.0, marks=pytest.mark.ci),
+    ],
+)
 def test_a_textured_plane_stands_where_it_is_within_what_is_stated(distance: float) -> None:
     camera = osinski(1500, 1300)
     seed = round(distance)
