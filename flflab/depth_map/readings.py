@@ -9,7 +9,6 @@ import numpy.typing as npt
 from flflab.files.raw import RawPicture
 from flflab.files.sensor_picture import SensorPicture, from_raw
 from flflab.measurement.as_read import SCALED_WHITE_DN, as_read
-from flflab.measurement.sensor.mosaic import Mosaic
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.remark import Remark
@@ -53,21 +52,13 @@ def readings(picture: Given, white: Given, camera: Camera) -> Readings:
     if scene.values.dtype.kind == "f":
         top = float(_sensor_picture(white).values.max())
         factor = SCALED_WHITE_DN / top if top > 0 else 1.0
-        scaled = replace(
+        scene = replace(
             scene,
             values=scene.values * factor,
             dark=None if scene.dark is None else scene.dark * factor,
         )
-        mosaic, notes = as_read(scaled, camera, "scene", beside.noise)
-    else:
-        mosaic, notes = as_read(scene, camera, "scene", None)
-    known = replace(
-        mosaic.noise,
-        dn_per_electron=beside.noise.dn_per_electron,
-        read_noise_dn=beside.noise.read_noise_dn,
-        offset_dn=beside.noise.offset_dn,
-    )
-    raw, raw_noise = Mosaic(mosaic.values, known, mosaic.gains).even()
+    mosaic, notes = as_read(scene, camera, "scene", beside.noise)
+    raw, raw_noise = mosaic.even()
     flat, flat_noise = beside.even()
     said = [replaced for note in remarks if (replaced := _of("white picture", note))]
     said += [note for note in notes if note.code != SAID_ONCE]
