@@ -16,7 +16,7 @@ from flflab.files.target import target_from
 from flflab.optics.camera import Camera
 from flflab.optics.focus import vergence_of
 from flflab.property_names import PROPERTY_NAMES
-from flflab.targets import Bars, FourDot, Texture
+from flflab.targets import Bars, BarsAlongY, FourDot, Texture
 from flflab.yaml_file import Lines, read_yaml
 
 
@@ -101,7 +101,7 @@ class StudyDescription(Description):
     dots: dict[str, Any] = {"kind": "four-dot"}
     bars: dict[str, Any] = {"kind": "bars"}
     texture: dict[str, Any] = {"kind": "texture"}
-    targets: Annotated[list[Literal["dots", "bars", "texture"]], Field(min_length=1)] = [
+    targets: Annotated[list[Literal["dots", "bars", "bars-y", "texture"]], Field(min_length=1)] = [
         "dots",
         "bars",
     ]
@@ -209,9 +209,19 @@ class Study:
         return len(self.configurations) // self.description.repeats
 
     @property
+    def bars_y(self) -> BarsAlongY:
+        """The chart of bars, turned by a quarter turn."""
+        return BarsAlongY(self.bars.cycles_per_mm, self.bars.width, self.bars.height)
+
+    @property
     def targets(self) -> tuple[FourDot | Bars | Texture, ...]:
         """The targets that are shown after the white one."""
-        known = {"dots": self.dots, "bars": self.bars, "texture": self.texture}
+        known = {
+            "dots": self.dots,
+            "bars": self.bars,
+            "bars-y": self.bars_y,
+            "texture": self.texture,
+        }
         found = (known[name] for name in self.description.targets)
         return tuple(one for one in found if one is not None)
 

@@ -140,6 +140,24 @@ class Bars:
 
 
 @dataclass(frozen=True)
+class BarsAlongY(Bars):
+    """The chart of bars turned by a quarter turn: bars across y, their frequency rising with y;
+    ``width`` is along y, ``height`` along x.
+    """
+
+    kind: ClassVar[str] = "bars-y"
+
+    @property
+    def unturned(self) -> Bars:
+        """The same chart as it is with its bars across x."""
+        return Bars(self.cycles_per_mm, self.width, self.height)
+
+    def radiance(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
+        """Truth at (x, y) mm: the profile along y inside width and height, else 0."""
+        return super().radiance(y, x)
+
+
+@dataclass(frozen=True)
 class Chirp(Bars):
     """The sine of the same law: radiance (1 + sin(2 pi phase)) / 2 inside width and height, black
     around.

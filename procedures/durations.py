@@ -37,7 +37,7 @@ HANDLING_S = (
 ANALYSIS_S = (0.3, 0.3)  # of a look at the accuracy reached, and of each megapixel
 UNEXPECTED_S = 3.0  # by which a first frame may be late without the estimate being withheld
 MOTIONS = (Home, SetIris, ShowTarget, Move)
-WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge", "texture")
+WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge", "texture", "bars-y")
 
 
 @dataclass(frozen=True)

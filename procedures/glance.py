@@ -103,7 +103,7 @@ class Glance:
             )
         if target == Texture.kind:
             return "a texture, whose depth map is made after the run"
-        shown = {one.kind: one for one in (self._study.dots, self._study.bars)}[target]
+        shown = {one.kind: one for one in self._study.targets}[target]
         seen = measure(frame, camera, shown, configuration.distance, noise)
         if seen["dots"]:
             return f"{' '.join(str(dot['views']) for dot in seen['dots'])} views"

@@ -28,7 +28,7 @@ from sim.clock import Clock
 from sim.drift import drifts
 from sim.motion import Motion, rest
 
-WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge", "texture")
+WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge", "texture", "bars-y")
 REMEMBERED = 64  # motions of a carriage
 NANOMETRE = 1e-6  # mm: states of the world closer than this are one and the same
 Truths = Mapping[str, str | float]
@@ -61,7 +61,7 @@ class TrueAxis:
 
 def wheel_targets(bench: Bench) -> dict[str, Target]:
     """What is on the target wheel: every kind as the bench file has it in ``simulated.targets``, or
-    by its defaults.
+    by its defaults; bars along y are by theirs the chart of bars.
 
     Raises:
         InputError: a kind the wheel does not have, or a target that is described wrongly.
@@ -73,11 +73,9 @@ def wheel_targets(bench: Bench) -> dict[str, Target]:
                 f"{bench.where('simulated', 'targets', kind)}: there is no {kind!r} on the wheel;"
                 f" allowed: {', '.join(WHEEL)}"
             )
-    source = f"{bench.file}: simulated.targets"
-    return {
-        kind: target_from({"kind": kind} | given.get(kind, {}), source, bench.file.parent)
-        for kind in WHEEL
-    }
+    source, folder = f"{bench.file}: simulated.targets", bench.file.parent
+    charts = {kind: given.get(kind.removesuffix("-y"), {}) | given.get(kind, {}) for kind in WHEEL}
+    return {kind: target_from(charts[kind] | {"kind": kind}, source, folder) for kind in WHEEL}
 
 
 class Carriage:

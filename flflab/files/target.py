@@ -10,7 +10,18 @@ from pydantic import BeforeValidator, Field
 
 from flflab.description import Angle, Description, Frequency, Length, check, require_kind
 from flflab.errors import InputError, reason
-from flflab.targets import Bars, Black, Chirp, Edge, FourDot, Picture, Target, Texture, White
+from flflab.targets import (
+    Bars,
+    BarsAlongY,
+    Black,
+    Chirp,
+    Edge,
+    FourDot,
+    Picture,
+    Target,
+    Texture,
+    White,
+)
 from flflab.yaml_file import read_yaml
 
 PositiveLength = Annotated[Length, Field(gt=0)]
@@ -37,9 +48,9 @@ class FourDotDescription(Description):
 
 
 class BarsDescription(Description):
-    """Square bars, or the sine of the same law, of linearly changing frequency."""
+    """Square bars across x or y, or a sine across x, of linearly changing frequency."""
 
-    kind: Literal["bars", "chirp"]
+    kind: Literal["bars", "bars-y", "chirp"]
     cycles_per_mm: tuple[CyclesPerMm, CyclesPerMm] = Bars.cycles_per_mm
     width: PositiveLength = Bars.width
     height: PositiveLength = Bars.height
@@ -78,6 +89,7 @@ class TextureDescription(Description):
 DESCRIPTIONS: dict[str, type[Description]] = {
     "four-dot": FourDotDescription,
     "bars": BarsDescription,
+    "bars-y": BarsDescription,
     "chirp": BarsDescription,
     "edge": EdgeDescription,
     "white": PlainDescription,
@@ -143,9 +155,8 @@ def _made(
             case FourDotDescription():
                 return FourDot(found.diameter, found.spacing)
             case BarsDescription():
-                return (Bars if found.kind == "bars" else Chirp)(
-                    found.cycles_per_mm, found.width, found.height
-                )
+                made = {"bars": Bars, "bars-y": BarsAlongY, "chirp": Chirp}[found.kind]
+                return made(found.cycles_per_mm, found.width, found.height)
             case EdgeDescription():
                 return Edge(found.angle)
             case TextureDescription():

@@ -74,7 +74,7 @@ def effects_of(scene: Scene) -> tuple[Effect, ...]:
     """The effects of the light that a scene has; misalignment and occlusion only where something is
     out of line or hides something.
     """
-    turned = tuple((plane.roll, math.hypot(*plane.tilt)) for plane in scene.planes)
+    turned = tuple((plane.askew, math.hypot(*plane.tilt)) for plane in scene.planes)
     described = (getattr(scene, name.replace("-", "_")) for name in DESCRIBED)
     array, sensor = scene.camera.array, scene.camera.sensor
     out_of_line = any(

@@ -83,7 +83,10 @@ def _closed_forms(made: Upright, lit: Array, pixel: float) -> float:
     wide = np.abs(lenses["slope"])
     inner = np.maximum(lenses["reach"] - wide, 0.0)
     edge = np.where(2 * wide < made.tabulated * pixel, 1 - (inner / outside(lenses)) ** 2, 0.0)
-    spent = PART * parts * strips * edge + (COLUMN_STRIP if made.by_columns else STRIP) * strips
+    spent = (
+        PART * parts * strips * edge
+        + (COLUMN_STRIP if made.by_columns or made.by_rows else STRIP) * strips
+    )
     return float((spent * lit).sum())
 
 

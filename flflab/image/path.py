@@ -204,7 +204,9 @@ def _with_waves(image: Array, scene: Scene, made: Upright, pixel: float) -> Ligh
     """
     add_with_waves(image, scene, made, pixel)
     if scene.falloff is not None:
-        white = replace(made, target=White(), by_columns=True, lines=made.lines.copy())
+        white = replace(
+            made, target=White(), by_columns=True, by_rows=False, lines=made.lines.copy()
+        )
         for name in ("origin", "sensor", "pupil"):
             white.lines[name] = 0.0
         bright, dimmed = _even_and_weighted(scene, white)

@@ -20,10 +20,11 @@ from flflab.image.effects.shading import Shading
 from flflab.image.effects.soft_rims import SoftRims
 from flflab.image.effects.stray_light import StrayLight
 from flflab.optics.camera import Camera
-from flflab.targets import Target
+from flflab.targets import BarsAlongY, Target
 
 FARTHEST = 1e12  # mm; from there on numbers only overflow
 STEEPEST = 0.5  # slope of a target's plane
+QUARTER = math.pi / 2
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Plane:
     """A flat target before the camera.
 
     Attributes:
-        target: what is on it.
+        target: what is on it; bars along y become bars, rolled by a quarter turn.
         distance: main lens to the place where the plane meets the axis, mm; infinity allowed.
         offset: where the target's centre stands, world (x, y) mm; without meaning at infinity.
         roll: the target's x axis turned from the world's towards its y axis, rad.
@@ -51,6 +52,11 @@ class Plane:
     tilt: tuple[float, float] = (0.0, 0.0)
     size: tuple[float, float] | None = None
 
+    @property
+    def askew(self) -> float:
+        """The roll beyond quarter turns, rad."""
+        return math.remainder(self.roll, QUARTER)
+
     def __post_init__(self) -> None:
         """Refuse what no plane can be.
 
@@ -58,6 +64,9 @@ class Plane:
             InputError: a number is not finite or outside what is allowed, or a tilt or a card at
                 infinity.
         """
+        if isinstance(self.target, BarsAlongY):
+            object.__setattr__(self, "target", self.target.unturned)
+            object.__setattr__(self, "roll", self.roll + QUARTER)
         if math.isnan(self.distance) or self.distance <= 0:
             raise InputError(
                 f"scene: the target's distance is {self.distance:g} mm; one above 0, in front of"
@@ -176,7 +185,7 @@ def without(scene: Scene, effects: frozenset[str]) -> Scene:
     """The scene in which what is not among ``effects`` is ideal.
 
     Without ``misalignment`` the array has no offset, roll and tilt, the sensor no offset, and no
-    target roll or tilt; a target's offset is where it stands and stays.
+    target tilt, or roll beyond quarter turns; a target's offset is where it stands and stays.
 
     Raises:
         InputError: there is no effect of that name.
@@ -194,5 +203,7 @@ def without(scene: Scene, effects: frozenset[str]) -> Scene:
     return replace(
         ideal,
         camera=camera,
-        planes=tuple(replace(plane, roll=0.0, tilt=(0.0, 0.0)) for plane in scene.planes),
+        planes=tuple(
+            replace(plane, roll=plane.roll - plane.askew, tilt=(0.0, 0.0)) for plane in scene.planes
+        ),
     )

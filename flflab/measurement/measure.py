@@ -40,7 +40,7 @@ from flflab.optics.camera import Camera
 from flflab.optics.focus import sharp_vergence
 from flflab.optics.resolution import central_smms
 from flflab.remark import Remark
-from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
+from flflab.targets import Bars, BarsAlongY, Chirp, Edge, FourDot, Target, White
 
 WORTH_SAYING = 0.01  # of the light, misfit
 
@@ -80,7 +80,7 @@ def measure(
     """
     target = White() if target is None else target
     if not isinstance(target, White | FourDot | Bars | Edge):
-        kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, Chirp, Edge))
+        kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, BarsAlongY, Chirp, Edge))
         raise InputError(f"measure: a {target.kind} target cannot be measured; allowed are {kinds}")
     if white is not None and isinstance(target, White):
         raise InputError(
@@ -125,7 +125,7 @@ def measure(
             mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains
         )
         for curve in curves:
-            result["mtf"] += contrast_json(curve)
+            result["mtf"] += contrast_json(curve, "y" if isinstance(target, BarsAlongY) else "x")
             result["mtf_by_view"] += views_contrast_json(curve, lattice)
         remarks += [Remark("contrast", reason) for reason in reasons]
         misfit = max(curve.misfit for curve in curves)

@@ -58,10 +58,11 @@ def dot_json(dot: DotViews) -> dict[str, Any]:
     }
 
 
-def contrast_json(curve: ContrastCurve) -> list[dict[str, Any]]:
-    """A point for each frequency, with the classic reading and its bias."""
+def contrast_json(curve: ContrastCurve, along: str) -> list[dict[str, Any]]:
+    """A point for each frequency, with the classic reading and its bias; ``along`` x or y."""
     return [
         {
+            "along": along,
             "cycles_per_px": float(curve.cycles_per_px[k]),
             "cycles_per_mm": float(curve.cycles_per_mm[k]),
             "contrast": float(curve.contrast[k]),

@@ -18,7 +18,6 @@ from flflab.record import Run
 from flflab.report.quantities import PANELS
 from flflab.verdict.comparison import Row
 from flflab.verdict.evaluation import Evaluation
-from flflab.verdict.properties.predicted import Predicted
 from flflab.verdict.properties.values import Values
 
 if TYPE_CHECKING:
@@ -113,16 +112,16 @@ def _columns(rows: list[Row], *names: str) -> Array:
 
 
 def mtf_chart(
-    index: int, curve: ContrastCurve, model: Predicted, rows: tuple[Row, ...], title: str
+    index: int, curve: ContrastCurve, draws: Array, rows: tuple[Row, ...], title: str
 ) -> str:
     """Contrast measured with its own uncertainty, against mean and central 95 % of the predicted
-    draws, over frequency.
+    draws, over frequency; ``rows`` hold the paper's reading, where it is compared.
     """
     frequency = curve.cycles_per_mm
     with styled():
         figure = new_figure(3.9, 3.3)
         axes = figure.add_subplot()
-        low, high = np.percentile(model.contrast_draws, [2.5, 97.5], axis=0)
+        low, high = np.percentile(draws, [2.5, 97.5], axis=0)
         axes.axhline(0, color="grey", linewidth=0.6)
         axes.fill_between(
             frequency,
@@ -133,9 +132,7 @@ def mtf_chart(
             linewidth=0,
             label="predicted, 95 % of benches",
         )
-        axes.plot(
-            frequency, model.contrast_draws.mean(axis=0), color=PREDICTED, label="predicted, mean"
-        )
+        axes.plot(frequency, draws.mean(axis=0), color=PREDICTED, label="predicted, mean")
         sigma = np.sqrt(np.diag(curve.covariance))
         axes.errorbar(
             frequency,
@@ -154,7 +151,7 @@ def mtf_chart(
             axes.plot(
                 nu, read, "x", color=PAPER, markersize=3, label="(max - min)/(max + min) of pixels"
             )
-        else:
+        elif rows:
             axes.plot([], [], " ", label="out of the depth of field: no eq. (2)")
         axes.set(xlabel="frequency on the target, cycles/mm", ylabel="contrast", xlim=(0, None))
         axes.set_title(title, y=1, pad=ABOVE)

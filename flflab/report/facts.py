@@ -252,6 +252,7 @@ def _wrong_targets(measured: tuple[Measured, ...], study: Study) -> list[str]:
         for name, kind, seen in (
             ("dots", study.dots.kind, any(one.dots for one in measured)),
             ("bars", study.bars.kind, any(one.curve for one in measured)),
+            ("bars along y", study.bars_y.kind, any(one.curve_y for one in measured)),
             ("texture", Texture.kind, any(one.plane for one in measured)),
         )
         if kind in study.shown and not seen
@@ -272,11 +273,12 @@ def _notes_on(one: Measured) -> list[str]:
             f"the light of micro-images departs by {100 * one.lattice.misfit:.2g} % from the"
             " camera's shape; the lattice's uncertainties were enlarged to match."
         )
-    if one.curve and one.curve.chi2_per_pixel > WORST_CHI2:
-        found.append(
-            f"the contrast fit leaves {one.curve.chi2_per_pixel:.2g} times the noise's variance;"
-            " its uncertainties were enlarged to match."
-        )
+    found += [
+        f"the contrast fit of {words} leaves {curve.chi2_per_pixel:.2g} times the noise's"
+        " variance; its uncertainties were enlarged to match."
+        for words, curve in (("bars", one.curve), ("bars along y", one.curve_y))
+        if curve and curve.chi2_per_pixel > WORST_CHI2
+    ]
     uncertain = sum(dot.views_uncertain for dot in one.dots)
     if uncertain:
         found.append(f"views so near an edge that the frame hardly decides them: {uncertain}.")

@@ -15,6 +15,7 @@ from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run, frames_said
 from flflab.report import budgets, charts, facts, frames, tables
 from flflab.report.drawn import drawn_table
+from flflab.report.field_chart import field_chart
 from flflab.report.overview import overview_chart, property_name
 from flflab.study import Study
 from flflab.verdict.comparison import percent, rule
@@ -46,6 +47,8 @@ class Panel:
     dots: frames.MarkedFrame | None
     bars: frames.MarkedFrame | None
     mtf: str | None
+    mtf_y: str | None
+    field: str | None
     ratio: str | None
     counts: str
     missed: int
@@ -213,14 +216,14 @@ def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> st
         diameters.append(
             airy.airy_diameter(model.camera, model.distance, light) / model.camera.sensor.pixel
         )
-        if one.curve:
-            left.append(
-                float(
-                    airy.diffraction_contrast(
-                        model.camera, model.distance, one.curve.cycles_per_px.max(), light
-                    )
+        left += [
+            float(
+                airy.diffraction_contrast(
+                    model.camera, model.distance, curve.cycles_per_px.max(), light
                 )
             )
+            for curve in one.curves.values()
+        ]
     low, high = min(diameters), max(diameters)
     span = f"{low:.2f}" if math.isclose(low, high, rel_tol=5e-3) else f"{low:.2f} to {high:.2f}"
     sentence = f"At {1e6 * light:g} nm the Airy diameter on the sensor is {span} pixels"
@@ -267,10 +270,16 @@ def _panel(
         dots=dots,
         bars=frames.bars_frame(run.picture(ruled), one, model) if ruled and one.curve else None,
         mtf=(
-            charts.mtf_chart(one.configuration.index, one.curve, model, rows, title)
+            charts.mtf_chart(index, one.curve, model.contrast_draws, rows, title)
             if one.curve
             else None
         ),
+        mtf_y=(
+            charts.mtf_chart(index, one.curve_y, model.contrast_y_draws, (), f"{title}, along y")
+            if one.curve_y
+            else None
+        ),
+        field=field_chart(one, model.camera, title),
         ratio=(
             charts.ratio_chart(rows, index, f"{index} over {study.description.reference}")
             if ratio

@@ -38,8 +38,10 @@ PANELS = {  # drawn small, one panel each
 OTHERS = {
     "views": Quantity(PROPERTY_NAMES["views"]),
     "mtf": Quantity(PROPERTY_NAMES["mtf"]),
+    "mtf_y": Quantity(f"{PROPERTY_NAMES['mtf']} of bars along y"),
     "contrast_paper": Quantity("contrast read off pixels, eq. (2)"),
     "ratio_mtf": Quantity("ratio of contrasts (MTF)"),
+    "ratio_mtf_y": Quantity("ratio of contrasts (MTF) of bars along y"),
 }
 
 

@@ -269,8 +269,9 @@ def _freedom(values: Values, dot: int | None, measured: tuple[Measured, ...]) ->
     fits the fewest.
     """
     one = next(one for one in measured if one.configuration.index == values.configuration)
-    if values.target == "bars":
-        return float(max(one.curve.pixels - len(one.curve.contrast), 1)) if one.curve else 1.0
+    if values.target.startswith("bars"):
+        curve = one.curves.get(values.quantity.removeprefix("ratio_"), one.curve)
+        return float(max(curve.pixels - len(curve.contrast), 1)) if curve else 1.0
     if values.target == "white":
         return float(max(2 * len(one.lattice.indices) - 6, 1))
     seen = [2 * dots.views - 3 for dots in one.dots if dot is None or dots.dot == dot]

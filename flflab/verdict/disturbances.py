@@ -45,8 +45,8 @@ def disturbances(
     def on_contrast(factor_of: Callable[[float], Factor]) -> Callable[[Array], Array]:
         def factor(size: float) -> Callable[[Values], Array]:
             def of(one: Values) -> Array:
-                curve = measured[place[one.configuration]].curve
-                if one.quantity != "mtf" or curve is None:
+                curve = measured[place[one.configuration]].curves.get(one.quantity)
+                if curve is None:
                     return np.ones(1)
                 return factor_of(size)(place[one.configuration], curve.cycles_per_px)
 
@@ -54,8 +54,10 @@ def disturbances(
 
         return lambda sizes: np.stack([_joined(values, factor(size)) for size in sizes])
 
-    def contrast_of(k: int) -> Array:
-        return predicted[k].contrast_draws.mean(axis=0)
+    def contrast_at(k: int, frequencies: Array) -> Array:
+        name, curve = next(iter(measured[k].curves.items()))
+        contrast = predicted[k].contrasts[name].mean(axis=0)
+        return np.interp(frequencies, curve.cycles_per_px, contrast)
 
     def diffracted(wavelength: float) -> Factor:
         return lambda k, frequencies: diffraction_contrast(
@@ -81,9 +83,9 @@ def disturbances(
         _steady("stray light or a wrong black level", "of ({}) of white more than described", VEILS,
                 on_contrast(lambda veil: lambda k, _: np.full(1, 1 - veil)), "look"),
         _steady("gamma", "({}) more than 1", GAMMAS, on_contrast(
-            lambda bent: lambda k, _: through_gamma(contrast_of(k), 1 + bent)), "look"),
-    ] if "mtf" in quantities else []  # fmt: skip
-    if "mtf" in quantities and bench.description.light is None:
+            lambda bent: lambda k, nu: through_gamma(contrast_at(k, nu), 1 + bent)), "look"),
+    ] if quantities & {"mtf", "mtf_y"} else []  # fmt: skip
+    if effects and bench.description.light is None:
         effects.append(
             Effect("diffraction", WAVELENGTHS, on_contrast(diffracted),
                    changed("of light of ({}) nm, which the bench file does not state", 1e6),

@@ -63,7 +63,7 @@ from flflab.verdict.sources import (
 from flflab.verdict.visible import Visible, visible
 
 JUDGED = {  # the verdicts, and the quantities that each is about
-    "mtf": ("mtf",),
+    "mtf": ("mtf", "mtf_y"),
     "views": ("views",),
     "micro_images_mm": ("bright_field_mm", "total_field_mm", "image_pitch_mm"),
     "overlap_mm": ("overlap_mm",),
@@ -326,7 +326,7 @@ def between(found: tuple[Values, ...], reference: int) -> tuple[tuple[Values, in
         and values.quantity not in ("light", "contrast_paper")
     ]
     pairs = [
-        (ratios if values.quantity == "mtf" else differences)(values, other)
+        (ratios if values.quantity in JUDGED["mtf"] else differences)(values, other)
         for values, other in others
     ]
     return tuple((pair, reference) for pair in pairs if len(pair.measured))

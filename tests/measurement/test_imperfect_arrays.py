@@ -27,7 +27,7 @@ from flflab.optics.camera import (
     Useful,
     microlens_centres,
 )
-from flflab.targets import Bars, FourDot, Target, White
+from flflab.targets import Bars, BarsAlongY, FourDot, Target, White
 
 Array = npt.NDArray[np.float64]
 NOISE = SensorNoise(
@@ -36,6 +36,7 @@ NOISE = SensorNoise(
 ELECTRONS = 7000.0
 FOCUS = 506.7016
 PLACES, BRIGHTNESSES, FOCAL_LENGTHS = (0.0, 3e-5, 1e-4, 5e-4), (0.0, 0.018), (0.0, 0.002, 0.01)
+BARS = Bars()
 EVERY = list(itertools.product(PLACES, BRIGHTNESSES, FOCAL_LENGTHS))
 
 
@@ -83,15 +84,15 @@ def focal_lengths(camera: Camera, lattice: Lattice, scatter: Scatter) -> Array:
 
 
 def bars_behind(
-    scatter: Scatter, distance: float, resolution: tuple[int, int]
+    scatter: Scatter, distance: float, resolution: tuple[int, int], target: Bars = BARS
 ) -> tuple[ContrastCurve, Array, Array]:
     """The curve, its truth (the mean over views by their shares) and every view's."""
     camera, rng = camera_of(resolution), np.random.default_rng(scatter.seed)
     aside = float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-0.3, 0.3))
     white = exposed(camera, White(), distance, (0.0, 0.0), scatter, rng)
-    bars = exposed(camera, Bars(), distance, aside, scatter, rng)
+    bars = exposed(camera, target, distance, aside, scatter, rng)
     lattice = lattice_behind(camera, white, NOISE)
-    curve = fit_contrast(bars, lattice, camera, Bars(), distance, NOISE)
+    curve = fit_contrast(bars, lattice, camera, target, distance, NOISE)
     focal = focal_lengths(camera, lattice, scatter)[curve.views]
     each = np.array([lens_transfer(camera, distance, curve.cycles_per_mm, one) for one in focal])
     return curve, np.sum(curve.views_share * each, axis=0), each
@@ -117,8 +118,10 @@ def bars_scores(
     return error, score
 
 
-def test_each_view_of_bars_shows_its_own_lens() -> None:
-    curve, truth, each = bars_behind(Scatter(0.01, 1e-4, 5, 0.018), FOCUS, (760, 560))
+@pytest.mark.parametrize("target", [BARS, BarsAlongY()])
+def test_each_view_of_bars_shows_its_own_lens(target: Bars) -> None:
+    scatter = Scatter(0.01, 1e-4, 5, 0.018)
+    curve, truth, each = bars_behind(scatter, FOCUS, (760, 560), target)
     seen = np.isfinite(curve.views_contrast)
     assert np.ptp(each[:, -1]) > 0.2  # views differ by so much
     assert np.abs(curve.views_contrast - each)[seen].max() < 0.01

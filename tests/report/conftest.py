@@ -97,7 +97,7 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
         np.ones(draws.shape[1]), 0.3,
         systems, 1 / placement.distance, systems.inside_radius, systems.outside_radius, pitches,
         np.ones(101), np.zeros((101, 3)), np.zeros((101, 4)), np.zeros((101, 4)), np.ones(101),
-        np.ones(101), np.zeros(101),
+        np.ones(101), np.zeros(101), np.zeros((101, 0)),
     )  # fmt: skip
 
 

@@ -131,7 +131,7 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
         Smms(**{name: getattr(smms, name)[None] for name in Smms.__dataclass_fields__}),
         np.array([1 / distance]),
         np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1), np.zeros((1, 3)), np.zeros((1, 4)),
-        np.zeros((1, 4)), np.ones(1), np.ones(1), np.zeros(1),
+        np.zeros((1, 4)), np.ones(1), np.ones(1), np.zeros(1), np.zeros((1, 0)),
     )  # fmt: skip
     assert float(distance_of(offset_read(model), camera)[0]) == pytest.approx(read, rel=1e-7)
     assert abs(read - 505.0) > 1  # and such a bench does show it wrongly

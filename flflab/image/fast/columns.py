@@ -26,7 +26,7 @@ from flflab.image.microlenses import Record
 
 Array = npt.NDArray[np.float64]
 
-BLURRED = 2.0  # pixels: a wider blur softens a target's ends more than the pixel does
+BLURRED = 30.0  # pixels: a wider blur softens a target's ends, and a pixel 1e-3 more at most
 ENDLESS = 1e9
 ROOT3 = math.sqrt(3.0)
 # The strips of a column lie in blocks of columns, [block, strip, field and column]: a block's loop

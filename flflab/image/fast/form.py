@@ -4,7 +4,7 @@ its microlenses are formed, and the picture in bands of rows.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -56,6 +56,7 @@ class Upright:
         lines: their maps, ``LINE`` records.
         how: the sampling of each microlens.
         by_columns: whether the target varies along the sensor's columns alone.
+        by_rows: whether it varies along its rows alone.
         tabulated: width in pixels from which on a vignetting edge is read from a table; pixels on
             narrower ones are cut into parts.
         sharp: which microlenses see dots through the middle of the pupil.
@@ -66,6 +67,7 @@ class Upright:
     lines: Lines
     how: tuple[Sampling, ...]
     by_columns: bool
+    by_rows: bool
     tabulated: float
     sharp: npt.NDArray[np.bool_]
 
@@ -107,12 +109,13 @@ def upright(
         )
         for one, edge, least in zip(blur, narrow, small, strict=True)
     )
-    turned = float(np.abs(lines["sin"]).max(initial=0.0) * outside(lenses).max(initial=0.0))
-    allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
-    by_columns = (bounded and turned <= allowed) or isinstance(plane.target, White)
+    allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel / outside(lenses).max(initial=1e-9)
+    askew, across = (float(np.abs(lines[name]).max(initial=0.0)) for name in ("sin", "cos"))
+    by_columns = (bounded and askew <= allowed) or isinstance(plane.target, White)
+    by_rows = bounded and across <= allowed
     sharp = DOTS_SHARP_LEAVE * blur**2 <= KEPT * tolerance
     tabulated = tabulated_from(plane.target, tolerance, float(blur.max(initial=0.0)))
-    return Upright(plane.target, lenses, lines, how, by_columns, tabulated, sharp)
+    return Upright(plane.target, lenses, lines, how, by_columns, by_rows, tabulated, sharp)
 
 
 def lines_of(scene: Scene, plane: Plane, lenses: Lenses) -> Lines:
@@ -137,6 +140,9 @@ def lines_of(scene: Scene, plane: Plane, lenses: Lenses) -> Lines:
     lines["across_sensor"] = ((across @ landing.by_sensor) * sideways).sum(axis=1)
     lines["across_pupil"] = ((across @ landing.by_pupil) * sideways).sum(axis=1)
     lines["cos"], lines["sin"] = towards.T
+    back = np.where(np.abs(towards[:, 0]) >= np.abs(towards[:, 1]), *towards.T) < 0
+    for name in ("sensor", "pupil", "across_sensor", "across_pupil", "cos", "sin"):
+        lines[name][back] *= -1  # the same map, counted the other way
     return lines
 
 
@@ -193,6 +199,13 @@ def parts_for(target: Target, tolerance: float, blur: float, narrow: bool, small
 
 def add_upright(image: Array, scene: Scene, made: Upright) -> None:
     """Add the light of a prepared target to a picture."""
+    if made.by_rows:
+        sensor, light = scene.camera.sensor, np.zeros(image.shape[::-1])
+        sensor = replace(sensor, resolution=sensor.resolution[::-1], offset=sensor.offset[::-1])
+        seen = replace(scene, camera=replace(scene.camera, sensor=sensor))
+        add_upright(light, seen, _mirrored(made))
+        image += light.T
+        return
     target, lenses = made.target, made.lenses
     profile = EVEN
     if isinstance(target, Bars | Chirp | Edge):
@@ -218,6 +231,18 @@ def add_upright(image: Array, scene: Scene, made: Upright) -> None:
                 yield
 
     in_bands(form, image.shape[0])
+
+
+def _mirrored(made: Upright) -> Upright:
+    """What varies along rows, with rows and columns exchanged."""
+    lenses, lines = made.lenses.copy(), made.lines.copy()
+    for name in ("x", "direction_x", "slant_x", "first_column", "end_column"):
+        other = name.replace("_x", "_y").replace("column", "row") if name != "x" else "y"
+        lenses[name], lenses[other] = made.lenses[other], made.lenses[name]
+    lines["cos"], lines["sin"] = made.lines["sin"], made.lines["cos"]
+    for name in ("across_sensor", "across_pupil"):
+        lines[name] *= -1
+    return replace(made, lenses=lenses, lines=lines, by_columns=True, by_rows=False)
 
 
 def share_tables(lenses: Lenses, pixel: float, made: Upright) -> list[Array]:

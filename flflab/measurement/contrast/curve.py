@@ -60,6 +60,12 @@ from flflab.measurement.lattice.registration import (
     tilted_levels,
     tilted_scales,
 )
+from flflab.measurement.quarter_turn import (
+    turned_camera,
+    turned_gains,
+    turned_lattice,
+    turned_picture,
+)
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import cone_half_angle, far_light, lost_over_edges
@@ -67,7 +73,7 @@ from flflab.optics.focus import blur, magnification
 from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms
-from flflab.targets import Bars, Chirp
+from flflab.targets import Bars, BarsAlongY, Chirp
 
 Array = npt.NDArray[np.float64]
 
@@ -129,7 +135,8 @@ class ContrastCurve:
             does not see it.
         views_uncertainty: standard uncertainties from noise, shape (V, K).
         geometry: shift mm, across x and y, along x and y (see
-            ``flflab.measurement.lattice.registration``), shape (5,).
+            ``flflab.measurement.lattice.registration``), for bars along y after a quarter turn;
+            shape (5,).
         geometry_uncertainty: standard uncertainties, shape (5,).
         chi2_per_pixel: about 1 where the model holds; the covariances are already scaled up by it
             where clearly above 1.
@@ -196,7 +203,7 @@ def fit_contrast(
         picture: DN, [row, col], in the camera's resolution.
         lattice: measured from a white picture of the same configuration.
         camera: nominal.
-        target: what stood there.
+        target: what stood there; bars along y are measured after a quarter turn of it all.
         distance: main lens to target, mm, nominal.
         noise: of the sensor.
         gains: of a colour filter's four sub-lattices, as from ``flflab.measurement.sensor.mosaic``;
@@ -208,6 +215,11 @@ def fit_contrast(
         MeasurementError: wrong shape, target at infinity, too few pixels in bright fields on the
             target, or no bars in them.
     """
+    if isinstance(target, BarsAlongY):
+        require_shape(picture, camera, target.kind)
+        turned = _turned(picture, lattice, camera, target)
+        across = turned_gains(gains, picture.shape[1])
+        return fit_contrast(*turned, distance, noise, across, wavelength)
     values = _checked(picture, camera, target)
     central = float(central_smms(camera).focal)
     (one,) = (smms for smms in type_smms(camera) if float(smms.focal) == central)
@@ -228,6 +240,10 @@ def fit_contrasts(
     Returns:
         The curves, and why a kind gave none; an error only where no kind gives one.
     """
+    if isinstance(target, BarsAlongY):
+        require_shape(picture, camera, target.kind)
+        turned = _turned(picture, lattice, camera, target)
+        return fit_contrasts(*turned, distance, noise, turned_gains(gains, picture.shape[1]))
     values = _checked(picture, camera, target)
     curves, reasons = list[ContrastCurve](), list[MeasurementError]()
     for smms in type_smms(camera):
@@ -240,6 +256,14 @@ def fit_contrasts(
     if not curves:
         raise reasons[0]
     return tuple(curves), tuple(str(reason) for reason in reasons)
+
+
+def _turned(
+    picture: npt.NDArray[np.generic], lattice: Lattice, camera: Camera, target: BarsAlongY
+) -> tuple[npt.NDArray[np.generic], Lattice, Camera, Bars]:
+    """The same after a quarter turn, which makes bars along y bars along x."""
+    there = turned_lattice(lattice, picture.shape[1])
+    return turned_picture(picture), there, turned_camera(camera), target.unturned
 
 
 def _checked(

@@ -1,34 +1,43 @@
 """Contrast of bars against frequency: the picture's own curve, and the paper's reading of it."""
 
 import numpy as np
+import numpy.typing as npt
 
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.optics.contrast import contrast_paper, disc_transfer
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms
+from flflab.targets import Bars, BarsAlongY
 from flflab.verdict.properties.measured import Measured
 from flflab.verdict.properties.predicted import Predicted
 from flflab.verdict.properties.values import Values
 
+Array = npt.NDArray[np.float64]
+TARGETS = {"mtf": Bars.kind, "mtf_y": BarsAlongY.kind}
+
 
 def contrasts(one: Measured, model: Predicted) -> list[Values]:
-    """Both, or none where the bars could not be measured."""
-    if one.curve is None:
-        return []
+    """Those of bars across x and y, and the paper's reading of the former; none of bars that could
+    not be measured.
+    """
     index = one.configuration.index
-    return [mtf(index, one.curve, model), paper_contrast(index, one.curve, model)]
+    found = [
+        mtf(index, quantity, curve, model.contrasts[quantity])
+        for quantity, curve in one.curves.items()
+    ]
+    return found if one.curve is None else [*found, paper_contrast(index, one.curve, model)]
 
 
-def mtf(index: int, curve: ContrastCurve, model: Predicted) -> Values:
+def mtf(index: int, quantity: str, curve: ContrastCurve, draws: Array) -> Values:
     """Contrast of the image's fundamental over the target's, signed."""
     return Values(
         index,
-        "mtf",
-        "bars",
+        quantity,
+        TARGETS[quantity],
         curve.contrast,
         curve.covariance,
-        model.contrast_draws.mean(axis=0),
-        model.contrast_draws,
+        draws.mean(axis=0),
+        draws,
         (None,) * len(curve.contrast),
         tuple(curve.cycles_per_mm.tolist()),
     )

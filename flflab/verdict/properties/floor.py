@@ -43,6 +43,7 @@ def with_floor(one: Measured, floor: MeasurementFloorDescription, optics: Camera
         attitude=None if one.attitude is None else _attitude(one.attitude, one.lattice, position),
         dots=tuple(_dot(dot, camera, distance, position) for dot in one.dots),
         curve=None if one.curve is None else _curve(one.curve, one.lattice, floor),
+        curve_y=None if one.curve_y is None else _curve(one.curve_y, one.lattice, floor),
         dot_scale=_scale(one, position),
     )
 

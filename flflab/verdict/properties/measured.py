@@ -19,7 +19,7 @@ from flflab.measurement.sensor.pairs import NoiseRatio, noise_of_pair
 from flflab.optics.camera import Camera
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
-from flflab.targets import Bars, FourDot
+from flflab.targets import BarsAlongY, FourDot
 
 Array = npt.NDArray[np.float64]
 
@@ -56,6 +56,7 @@ class Measured:
         dots: empty where they could not be measured.
         attitude: how the array is turned; None where too few micro-images are seen.
         curve: None where the bars could not be measured.
+        curve_y: the same of bars along y; None where none were shown, too.
         dot_scale: size and turn of the square of dots; None where too few views tell them.
         noise: from frame to frame; None where no target was taken twice.
         plane: by the depth map of a texture; None where none was shown or made.
@@ -76,6 +77,13 @@ class Measured:
     dot_scale: DotScale | None = None
     noise: NoiseRatio | None = None
     plane: PlaneSeen | None = None
+    curve_y: ContrastCurve | None = None
+
+    @property
+    def curves(self) -> dict[str, ContrastCurve]:
+        """Those that were measured, by the quantity that they are."""
+        found = {"mtf": self.curve, "mtf_y": self.curve_y}
+        return {name: curve for name, curve in found.items() if curve is not None}
 
 
 def measure_configuration(
@@ -159,7 +167,7 @@ def measure_pictures(
     all the same.
 
     Args:
-        pictures: DN, [row, col], by target: white, four-dot, bars.
+        pictures: DN, [row, col], by target: white, four-dot, bars, bars-y.
         noises: the noise of each.
         configuration: what was asked for.
         worlds: where the stages said the elements stood, mm.
@@ -194,18 +202,21 @@ def measure_pictures(
             measured = replace(measured, dots=dots, dot_scale=scale)
         except MeasurementError as error:
             measured = replace(measured, failures=(*measured.failures, error))
-    if Bars.kind in pictures:
+    for bars in (study.bars, study.bars_y):
+        if bars.kind not in pictures:
+            continue
         try:
             curve = fit_contrast(
-                pictures[Bars.kind],
+                pictures[bars.kind],
                 lattice,
                 camera,
-                study.bars,
+                bars,
                 distance,
-                noises[Bars.kind],
+                noises[bars.kind],
                 wavelength=wavelength,
             )
-            measured = replace(measured, curve=curve)
+            there = {"curve_y": curve} if isinstance(bars, BarsAlongY) else {"curve": curve}
+            measured = replace(measured, **there)
         except MeasurementError as error:
             measured = replace(measured, failures=(*measured.failures, error))
     return measured

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from flflab.bench import Bench
 from flflab.lens_errors import FOCAL, LensErrors, numbers_of
+from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.lattice.registration import sensor_position
 from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.contrast import cone_half_angle
@@ -62,6 +63,8 @@ class Predicted:
             (draws,).
         bar_scale_draws: the same of the bars.
         roll_draws: of the target, rad, shape (draws,).
+        contrast_y_draws: contrast of bars along y at the frequencies measured of them for each
+            draw, shape (draws, K).
     """
 
     camera: Camera
@@ -84,6 +87,12 @@ class Predicted:
     dot_scale_draws: Array
     bar_scale_draws: Array
     roll_draws: Array
+    contrast_y_draws: Array
+
+    @property
+    def contrasts(self) -> dict[str, Array]:
+        """Draws of the contrasts, by the quantity that they are."""
+        return {"mtf": self.contrast_draws, "mtf_y": self.contrast_y_draws}
 
 
 def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> Predicted:
@@ -121,20 +130,21 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
         return np.stack([drawn.inside_radius, drawn.outside_radius], axis=1)
 
     light = bench.description.spectrum
-    curve = measured.curve
-    if curve is None or not (curve.apart or lenses.focal_length > 0):
-        contrast = contrast_draws(camera, placement, cycles_per_mm, light, falloff)
-    else:  # each frequency is seen by a few lenses, each of a focal length and a place of its own
+
+    def contrast(curve: ContrastCurve | None) -> Array:
+        at = np.zeros(0) if curve is None else curve.cycles_per_mm
+        if curve is None or not (curve.apart or lenses.focal_length > 0):
+            return contrast_draws(camera, placement, at, light, falloff)
+        # each frequency is seen by a few lenses, each of a focal length and a place of its own
         view, seen = np.nonzero(curve.views_share)
         lens = curve.views[view]
         rise = _rises(measured.lattice.centres_px[lens], camera, errors) if curve.apart else 0.0
         longer_by = lenses.drawn(numbers_of(measured.lattice.indices[lens]), draws)[..., FOCAL]
-        alone = contrast_draws(
-            camera, placement, cycles_per_mm[seen], light, falloff, 1 + longer_by, rise
-        )
-        weight = np.zeros((len(seen), len(cycles_per_mm)))
+        alone = contrast_draws(camera, placement, at[seen], light, falloff, 1 + longer_by, rise)
+        weight = np.zeros((len(seen), len(at)))
         weight[np.arange(len(seen)), seen] = curve.views_share[view, seen]
-        contrast = alone @ weight
+        return alone @ weight
+
     centres = _seen_whole(camera)
     inside, outside = lenses.mean_of(radii, len(centres), draws).T
     scale, _, roll = lenses.of_the_lattice(centres, draws, _decentre_shown(camera)).T
@@ -145,7 +155,7 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
         views=np.array([len(seen) for seen in indices]),
         view_draws=None,
         view_indices=indices,
-        contrast_draws=contrast * order.contrast[:, None],
+        contrast_draws=contrast(measured.curve) * order.contrast[:, None],
         waves_left=_waves_left(camera, distance, cycles_per_mm, light),
         blur_px=float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel,
         systems=systems,
@@ -167,6 +177,7 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
         dot_scale_draws=image_scale * placement.dots,
         bar_scale_draws=image_scale * placement.bars,
         roll_draws=errors.target[:, 0],
+        contrast_y_draws=contrast(measured.curve_y) * order.contrast[:, None],
     )
 
 
