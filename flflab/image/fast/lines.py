@@ -119,8 +119,7 @@ def seen_through(
     # What the chords grow by from one side of the square to the other goes with the target's
     # moment.
     cut = 0.5 * side / abs(lens.slope) if lens.slope != 0.0 and side < edge else 0.0
-    aside = (1.0 + (narrow / wide) ** 2) / (side * line.sensor) if wide > 0.0 else 0.0
-    aside *= math.copysign(1.0, lens.slope)
+    aside = side * line.sensor * math.copysign(1.0, lens.slope)  # the pixel's part of the box
     slant_u = lens.slant_x * line.cos + lens.slant_y * line.sin + lens.slant_scale * eu
     slant_v = lens.slant_y * line.cos - lens.slant_x * line.sin + lens.slant_scale * ev
     light, area, bends, before = 0.0, 0.0, 0.0, low
@@ -134,16 +133,19 @@ def seen_through(
         if right > left:
             part, bend = even_light, 0.0
             if not even:
-                box = line.pupil * width
+                # three boxes as two; wider strips would overlap, and show bars of their own
+                box, both = abs(line.pupil) * width, wide
+                if box < narrow:
+                    box = math.sqrt(box * box + narrow * narrow)
+                else:
+                    both = math.sqrt(wide * wide + narrow * narrow)
                 at = centre + line.pupil * 0.5 * (after + before)
-                part, moment = mean_over_two(
-                    profile, at, wide, math.sqrt(box * box + narrow * narrow)
-                )
-                if cut > 0.0:
+                part, moment = mean_over_two(profile, at, both, box)
+                if cut > 0.0 and both > 0.0:
                     near = lens_chord(v, u + cut, radius, place)
                     far = lens_chord(v, u - cut, radius, place)
                     grown = max(0.0, near[1] - near[0]) - max(0.0, far[1] - far[0])
-                    bend = width * grown * moment * aside
+                    bend = width * grown * moment * aside / (both * both)
             part *= width * (right - left)
             if bounded:
                 ends = up + line.across_pupil * left, up + line.across_pupil * right
