@@ -132,6 +132,12 @@ class Regime:
         """Largest angle off the axis, rad."""
         return max(plane.field for plane in self.planes)
 
+    def of_white(self, electrons: float) -> float:
+        """So many electrons as a share of the white level; infinite where no sensor counts them."""
+        if electrons == 0:
+            return 0.0
+        return electrons / self.electrons if self.electrons > 0 else math.inf
+
     def changed(self, change: Change) -> float:
         """Most that a pixel changes by this, of white."""
         rays = sum(plane.moved(change.shift, change.stretch) for plane in self.planes)

@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Misalignment:
+class Misalignment(Effect):
     """Its numbers stand in the camera and in the planes; left out, all of them are 0.
 
     ``turned`` holds for each plane its roll (rad) and the size of its tilt, ``aperture`` is the
@@ -21,6 +22,7 @@ class Misalignment:
     aperture: float
     name: ClassVar[str] = "misalignment"
     unit: ClassVar[str] = "px"
+    lit_ns: ClassVar[float] = 350  # rays, where no map of a micro-image holds
 
     def _shifts(self, regime: Regime) -> list[float]:
         """How far the rays of each plane move on it, rad.
@@ -54,10 +56,6 @@ class Misalignment:
             for plane, shift in planes
         )
         return min(regime.light, regime.changed(regime.misaligned) + moved)
-
-    def cost(self, regime: Regime) -> float:
-        """Where no map of a micro-image holds, rays: four or more a lit pixel, 350 ns."""
-        return 3.5e-4 * regime.pixels * regime.lit
 
     def why(self, regime: Regime) -> str:
         """What is out of line."""

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Occlusion:
+class Occlusion(Effect):
     """Its numbers stand in the planes; left out, the light of all planes adds up."""
 
     name: ClassVar[str] = "occlusion"

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Overlap:
+class Overlap(Effect):
     """Left out, a pixel gets the light of the micro-image whose centre is nearest alone. It has no
     number of its own.
     """

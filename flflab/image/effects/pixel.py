@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 MEAN_DISTANCE = 0.3826  # of the points of a unit square from its middle
 
 
 @dataclass(frozen=True)
-class Pixel:
+class Pixel(Effect):
     """Left out, a pixel holds what falls on its centre. It has no number of its own."""
 
     name: ClassVar[str] = "pixel"
@@ -34,10 +35,6 @@ class Pixel:
         )
         rims = light / regime.least_rim if regime.least_rim > 0 else regime.brightest
         return min(regime.brightest, target + rims)
-
-    def cost(self, regime: Regime) -> float:
-        """Closed forms hold it at no cost."""
-        return 0.0
 
     def why(self, regime: Regime) -> str:
         """Always."""
