@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import root_scalar
 
 from flflab.errors import InputError
 from flflab.image.effects.distortion import Distortion
+from flflab.image.landing import own_axes
 from flflab.image.microlenses import axis_microlens, scattered
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor, microlens_indices
@@ -211,16 +213,16 @@ def _dot(
     position = dot_position(plane, place)
     vergence = 1 / position[2]
     angle = paraxial_angle(position[:2] * vergence, scene.distortion)
-    members = _within_reach(useful.smms, vergence, angle)
+    members = np.arange(len(useful.smms.focal))
     total, bright, chief = seen_by(
         useful, members, vergence, np.broadcast_to(angle, (len(members), 2))
     )
-    lenses = select(useful.smms, members)
+    indices, seen = microlens_indices(camera.array), np.flatnonzero(total)
+    lenses = select(useful.smms, seen)
     centre = np.stack([lenses.centre_x, lenses.centre_y], axis=1)
     landing = _pixels(
         camera.sensor, chief_crossings(lenses, vergence, angle, centre, camera.aperture_shape)[2]
     )
-    indices = microlens_indices(camera.array)[members]
     return {
         "dot": dot,
         "position_mm": position.tolist(),
@@ -234,38 +236,22 @@ def _dot(
                 "microlens": indices[i].tolist(),
                 "bright": bool(bright[i]),
                 "chief": bool(chief[i]),
-                "place_px": landing[i].tolist(),
+                "place_px": place.tolist(),
             }
-            for i in np.flatnonzero(total)
+            for i, place in zip(seen, landing, strict=True)
         ],
     }
-
-
-def _within_reach(smms: Smms, vergence: float, angle: Array) -> npt.NDArray[np.int64]:
-    """Microlenses on which light of the point with o V = ``angle`` falls, or may fall; square
-    apertures reach to their corners.
-    """
-    shift = np.stack([smms.centre_x, smms.centre_y], axis=1) + angle * smms.distance[:, None]
-    x = smms.distance * (vergence - 1 / smms.lens_focal) + 1
-    return np.flatnonzero(
-        np.hypot(*shift.T) <= (smms.lens_aperture * np.abs(x) + smms.aperture) / math.sqrt(2)
-    )
 
 
 def dot_position(plane: Plane, place: Array) -> Array:
     """Where a place (x, y) mm in a target's own axes stands in the world: x, y, and the distance
     before the main lens; mm, shape (3,).
 
-    The roll turns it, and along the slope of the tilt its lengths shrink by 1 / sqrt(1 + tilt^2) as
-    seen along the axis.
+    ``own_axes`` leads from places seen along the axis to the target's own.
     """
-    cos, sin = math.cos(plane.roll), math.sin(plane.roll)
-    turned, tilt = np.array([[cos, -sin], [sin, cos]]) @ place, np.asarray(plane.tilt)
-    steepness = math.hypot(*plane.tilt)
-    if steepness > 0:
-        downhill = tilt / steepness
-        turned = turned + (1 / math.hypot(1.0, steepness) - 1) * (downhill @ turned) * downhill
-    return np.array([*(turned + np.asarray(plane.offset)), plane.distance + float(tilt @ turned)])
+    seen = np.linalg.solve(own_axes(plane), place)
+    away = plane.distance + float(np.dot(plane.tilt, seen))
+    return np.array([*(seen + np.asarray(plane.offset)), away])
 
 
 def paraxial_angle(angle: Array, distortion: Distortion | None) -> Array:
@@ -275,10 +261,11 @@ def paraxial_angle(angle: Array, distortion: Distortion | None) -> Array:
     seen = float(np.hypot(*angle))
     if distortion is None or seen == 0:
         return angle
-    found = seen
-    # Newton's steps double the digits; far fewer settle it wherever the picture does not fold over
-    for _ in range(50):
-        found -= (found * (1 + distortion.coefficient * found**2) - seen) / (
-            1 + 3 * distortion.coefficient * found**2
-        )
+    coefficient = distortion.coefficient
+    found = root_scalar(
+        lambda away: away * (1 + coefficient * away**2) - seen,
+        fprime=lambda away: 1 + 3 * coefficient * away**2,
+        x0=seen,
+        method="newton",
+    ).root
     return angle * (found / seen)

@@ -151,7 +151,7 @@ def _upright(
     plane = scene.planes[0]
     if len(scene.planes) > 1 or plane.size is not None:
         return None, "a card hides what is behind it"
-    linearised(lenses[0], plane, scene.distortion, np.zeros((len(lenses[0]), 2)))  # or refuses
+    linearised(lenses[0], plane, scene.distortion)  # or refuses
     if isinstance(plane.target, White):
         flat = replace(plane, tilt=(0.0, 0.0), roll=0.0)
         even = replace(scene, planes=(flat,), distortion=None, motion=None)

@@ -119,7 +119,7 @@ def lines_of(scene: Scene, plane: Plane, lenses: Lenses) -> Lines:
     """The maps of microlenses to a target, along its direction and across, to first order round
     each microlens's middle ray.
     """
-    landing = linearised(lenses, plane, scene.distortion, np.zeros((len(lenses), 2)))
+    landing = linearised(lenses, plane, scene.distortion)
     along = np.array([1.0, 0.0])
     if isinstance(plane.target, Edge):
         along = np.array([math.cos(plane.target.angle), math.sin(plane.target.angle)])

@@ -102,7 +102,7 @@ def blocks_of(scene: Scene, lenses: tuple[Lenses, ...], *, defocus: bool, pixel:
         if not defocus:
             own = own.copy()
             own["spread"] = own["lens_spread"] = 0.0
-        landing = linearised(own, plane, scene.distortion, np.zeros((len(own), 2)))
+        landing = linearised(own, plane, scene.distortion)
         record = plane_record(plane, scene.distortion)
         surfaces.append(Surface(plane, record, own, landing, known_of(plane.target)))
     return Blocks(scene, tuple(surfaces), pixel, defocus)
