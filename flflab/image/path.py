@@ -199,28 +199,18 @@ def _allowed(plane: Plane, width: float, tolerance: float) -> float:
 
 
 def _with_waves(image: Array, scene: Scene, made: Upright, pixel: float) -> Light:
-    """The picture in light of one wavelength. Fall-off dims it as it dims white, and moves light
-    within a blur as it does without waves.
+    """The picture in light of one wavelength. Fall-off weighs what rays bring; what waves change of
+    it is dimmed as the whole picture is.
     """
     add_with_waves(image, scene, made, pixel)
     if scene.falloff is not None:
-        white = replace(made, target=White(), by_columns=True, lines=made.lines.copy())
-        for name in ("origin", "sensor", "pupil"):
-            white.lines[name] = 0.0
-        bright, dimmed = _even_and_weighted(scene, white)
-        kept = np.where(bright > 0, dimmed / np.where(bright > 0, bright, 1.0), 1.0)
-        even, weighted = _even_and_weighted(scene, made)
-        image *= kept
-        image += weighted - kept * even
+        even, weighted = np.zeros_like(image), np.zeros_like(image)
+        without = tuple(how._replace(weighted=False) for how in made.how)
+        add_upright(even, scene, replace(made, how=without))
+        add_upright(weighted, scene, made)
+        image -= even
+        image *= weighted.sum() / max(even.sum(), 1e-300)
+        image += weighted
     if isinstance(made.target, Edge | Bars | FourDot):
         return Light(image, "waves", "light of one wavelength")
     return Light(image, "closed forms", "white does not bend")
-
-
-def _even_and_weighted(scene: Scene, made: Upright) -> tuple[Array, Array]:
-    """The light of rays without fall-off and with it."""
-    columns, rows = scene.camera.sensor.resolution
-    even, weighted = np.zeros((rows, columns)), np.zeros((rows, columns))
-    add_upright(even, scene, replace(made, how=tuple(h._replace(weighted=False) for h in made.how)))
-    add_upright(weighted, scene, made)
-    return even, weighted
