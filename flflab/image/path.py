@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.accuracy import FINE, MISFIT, MOVED, OFF_BY_MOTION
+from flflab.image.accuracy import MISFIT, OFF_BY_MOTION
 from flflab.image.coarse import add_coarsely, step_of
 from flflab.image.fast.form import Upright, add_upright, upright
 from flflab.image.general.form import Pilot, add_rays, blocks_of, pilot
@@ -163,54 +163,46 @@ def _upright(
     off = misfit(scene, plane, lenses[0], made.lines)
     if off > MISFIT * tolerance:
         return None, f"tilt and distortion move rays by {off:.2g} of an edge's width"
-    way = moved(scene, plane, made)
-    if way > _allowed(plane, blur_width(scene, made), tolerance) and not way * way <= tolerance:
+    way = moved(scene, made)
+    if (1.0 if isinstance(plane.target, FourDot) else OFF_BY_MOTION) * way**2 > tolerance:
         return None, f"the target moves by {way:.2g} of an edge's width"
     return made, "one upright target"
 
 
-def moved(scene: Scene, plane: Plane, made: Upright) -> float:
-    """How far a target moves during the exposure, over the width to which pixel and pupil blur
-    it.
+def moved(scene: Scene, made: Upright) -> float:
+    """How far a target moves during the exposure, over the least width to which pixel and pupil
+    blur a point of it.
     """
-    if scene.motion is None or math.isinf(plane.distance):
+    if scene.motion is None or math.isinf(scene.planes[0].distance):
         return 0.0
     way = math.hypot(*scene.motion.drift) + 2 * math.hypot(*scene.motion.vibration)
-    return way / blur_width(scene, made)
-
-
-def blur_width(scene: Scene, made: Upright) -> float:
-    """The least width to which pixel and pupil blur a point of the target, mm on it."""
-    pixel = scene.camera.sensor.pixel
-    width = np.hypot(made.lines["sensor"] * pixel, made.lines["pupil"]).min()
-    return max(float(width), 1e-300)
-
-
-def _allowed(plane: Plane, width: float, tolerance: float) -> float:
-    """Motion, over the blur's width, that closed forms may count as more of the blur.
-
-    Two boxes w and s count as one of sqrt(w^2 + s^2): the contrast of a period P is then off by
-    sinc(w/P) sinc(s/P) (pi/P)^4 w^2 s^2/90, at most 0.03 (s/w)^2.
-    """
-    if isinstance(plane.target, FourDot):
-        return 0.0
-    fine = isinstance(plane.target, Bars) and max(plane.target.cycles_per_mm) * width > FINE
-    return min(MOVED, math.sqrt(tolerance / OFF_BY_MOTION)) if fine else MOVED
+    blur = np.hypot(made.lines["sensor"] * scene.camera.sensor.pixel, made.lines["pupil"])
+    return way / max(float(blur.min()), 1e-300)
 
 
 def _with_waves(image: Array, scene: Scene, made: Upright, pixel: float) -> Light:
-    """The picture in light of one wavelength. Fall-off weighs what rays bring; what waves change of
-    it is dimmed as the whole picture is.
+    """The picture in light of one wavelength. Fall-off dims it as it dims white, and moves light
+    within a blur as it does without waves.
     """
     add_with_waves(image, scene, made, pixel)
     if scene.falloff is not None:
-        even, weighted = np.zeros_like(image), np.zeros_like(image)
-        without = tuple(how._replace(weighted=False) for how in made.how)
-        add_upright(even, scene, replace(made, how=without))
-        add_upright(weighted, scene, made)
-        image -= even
-        image *= weighted.sum() / max(even.sum(), 1e-300)
-        image += weighted
+        white = replace(made, target=White(), by_columns=True, lines=made.lines.copy())
+        for name in ("origin", "sensor", "pupil"):
+            white.lines[name] = 0.0
+        bright, dimmed = _even_and_weighted(scene, white)
+        kept = np.where(bright > 0, dimmed / np.where(bright > 0, bright, 1.0), 1.0)
+        even, weighted = _even_and_weighted(scene, made)
+        image *= kept
+        image += weighted - kept * even
     if isinstance(made.target, Edge | Bars | FourDot):
         return Light(image, "waves", "light of one wavelength")
     return Light(image, "closed forms", "white does not bend")
+
+
+def _even_and_weighted(scene: Scene, made: Upright) -> tuple[Array, Array]:
+    """The light of rays without fall-off and with it."""
+    columns, rows = scene.camera.sensor.resolution
+    even, weighted = np.zeros((rows, columns)), np.zeros((rows, columns))
+    add_upright(even, scene, replace(made, how=tuple(h._replace(weighted=False) for h in made.how)))
+    add_upright(weighted, scene, made)
+    return even, weighted

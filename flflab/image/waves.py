@@ -22,7 +22,7 @@ from flflab.image.bands import go_on, in_bands
 from flflab.image.fast.form import Upright, add_upright, share_tables
 from flflab.image.fast.lines import Lines, Sampling, seen_through
 from flflab.image.fast.profile import Profile, mean_over_two, profile_of, stripe
-from flflab.image.fast.share import look_up, share_in
+from flflab.image.fast.share import look_up, share_over
 from flflab.image.microlenses import Record
 from flflab.image.scene import Scene
 from flflab.optics.camera import pixel_positions
@@ -290,7 +290,10 @@ def _read_lines(
             squared = ex * ex + ey * ey
             if squared >= reach * reach:
                 continue
-            share = share_of(lens, table, ex, ey, side)
+            if table.size > 0:
+                share = look_up(table, squared)
+            else:
+                share = share_over(ex, ey, side, lens.slope, lens.reach)
             up = line.across + line.across_sensor * (ey * line.cos - ex * line.sin)
             if share <= 0.0 or abs(up) - how.half_height >= near:
                 continue
@@ -317,20 +320,6 @@ def _read_lines(
                         known = light[ring + i, spoke + j]
                         total += weight * (known[at] * (1.0 - part) + known[at + 1] * part)
             image[row, column] += lens.level * share * total
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def share_of(lens: Record, table: Array, ex: float, ey: float, side: float) -> float:
-    """Share of the full cone in the mean over a pixel."""
-    if table.size > 0:
-        return look_up(table, ex * ex + ey * ey)
-    total, parts = 0.0, 4
-    part = side / parts
-    for row in range(parts):
-        for column in range(parts):
-            x, y = ex + part * (column - 1.5), ey + part * (row - 1.5)
-            total += share_in(x, y, part, lens.slope, lens.reach)
-    return total / (parts * parts)
 
 
 def _add_dots(image: Array, scene: Scene, made: Upright, kind: Kind, tables: list[Array]) -> None:
@@ -425,7 +414,10 @@ def _read_dots(
                 away = math.hypot(ex, ey)
                 if dx * dx + dy * dy >= reach * reach or away >= outer:
                     continue
-                share = share_of(lens, table, ex, ey, side)
+                if table.size > 0:
+                    share = look_up(table, away * away)
+                else:
+                    share = share_over(ex, ey, side, lens.slope, lens.reach)
                 if share <= 0.0:
                     continue
                 cos, sin = (ex / away, ey / away) if away > 0.0 else (1.0, 0.0)

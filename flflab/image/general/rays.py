@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.effects.distortion import Distortion
-from flflab.image.fast.share import STEEP, share_at
+from flflab.image.fast.share import STEEP, share_over
 from flflab.image.landing import own_axes
 from flflab.image.microlenses import Record
 from flflab.image.scene import Plane
@@ -25,7 +25,6 @@ Whole = npt.NDArray[np.int64]
 # By how much the midpoints of n parts are drawn together so that their y has the disc's variance.
 DRAWN = (0.0, 0.595, 0.682, 0.737, 0.774, 0.802, 0.822, 0.839)
 MORE_DRAWN = 0.865  # for more points
-PARTS = 4  # of a pixel's side, where its vignetting edge is narrow
 PLANE = np.dtype(
     [
         (name, np.float64)
@@ -140,7 +139,9 @@ def rays_of(
         slope = math.copysign(math.sqrt(slope * slope + pixel * pixel / 3), slope)
     for index in range(pixels):
         if points.exact:
-            share[index] = pixel_share(sensor_x[index], sensor_y[index], pixel, lens)
+            share[index] = share_over(
+                sensor_x[index], sensor_y[index], pixel, lens.slope, lens.reach
+            )
     for point in range(count):
         for index in range(pixels):
             x = sensor_x[index] + points.column[point] * pixel
@@ -169,22 +170,6 @@ def rays_of(
                 slant_y += lens.slant_spread * ty[point, index]
                 weight[point, index] /= (1.0 + slant_x * slant_x + slant_y * slant_y) ** 2
     return Rays(tx, ty, ex, ey, weight, share)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def pixel_share(ex: float, ey: float, pixel: float, lens: Record) -> float:
-    """Share of the full cone in the mean over a pixel."""
-    away, wide = math.sqrt(ex * ex + ey * ey), abs(lens.slope)
-    if away + pixel <= lens.reach - wide:
-        return 1.0
-    parts = 2 if 2 * wide >= STEEP * pixel else PARTS
-    side, total = pixel / parts, 0.0
-    for row in range(parts):
-        y = ey + side * (row + 0.5 - 0.5 * parts)
-        for column in range(parts):
-            x = ex + side * (column + 0.5 - 0.5 * parts)
-            total += share_at(x, y, lens.slope, lens.reach)
-    return total / (parts * parts)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
