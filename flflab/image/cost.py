@@ -16,7 +16,7 @@ from flflab.image.microlenses import Lenses, outside
 from flflab.image.path import prepare
 from flflab.image.scene import Scene, without
 from flflab.image.waves import ANGLES, RADII, kinds_of
-from flflab.targets import FourDot, White
+from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 
@@ -53,9 +53,9 @@ def predicted_seconds(scene: Scene, tolerance: float, effects: frozenset[str]) -
     columns, rows = scene.camera.sensor.resolution
     lit = lit_pixels(lenses, pixel)
     spent = LENS * len(lenses) + PIXEL * columns * rows
-    if ready.made is None:
+    if ready.made is None:  # rays
         spent += (PIXEL + RAY * RAYS * len(scene.planes)) * float(lit.sum())
-    elif pictured.diffraction is not None and not isinstance(ready.made.target, White):
+    elif pictured.diffraction is not None and ready.path == "waves":
         kinds = len(kinds_of(ready.made, pictured.diffraction.wavelength))
         spent += (PIXEL + BENT) * float(lit.sum()) + kinds * RADII * ANGLES * TRANSFER
     else:

@@ -157,11 +157,10 @@ def outside(lenses: Lenses) -> Array:
     return np.asarray(lenses["reach"] + np.abs(lenses["slope"]), dtype=np.float64)
 
 
-def lit(lenses: Lenses) -> Lenses:
-    """The microlenses whose light meets the sensor."""
-    return lenses[
-        (lenses["first_column"] < lenses["end_column"]) & (lenses["first_row"] < lenses["end_row"])
-    ]
+def is_lit(lenses: Lenses) -> npt.NDArray[np.bool_]:
+    """Which microlenses' light meets the sensor."""
+    columns = lenses["first_column"] < lenses["end_column"]
+    return columns & (lenses["first_row"] < lenses["end_row"])
 
 
 def set_windows(lenses: Lenses, sensor: Sensor, overlap: bool) -> None:

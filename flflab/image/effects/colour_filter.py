@@ -45,10 +45,6 @@ class ColourFilter(Finishing):
         """What the densest filter takes."""
         return 1 - min(self.red, self.green, self.blue)
 
-    def bound(self, regime: Regime) -> float:
-        """That share of the brightest light."""
-        return self.size(regime) * regime.brightest
-
     def why(self, regime: Regime) -> str:
         """The mosaic."""
         return f"mosaic {self.pattern} of {self.red:g}, {self.green:g}, {self.blue:g}"

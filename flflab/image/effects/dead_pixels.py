@@ -19,10 +19,6 @@ class DeadPixels(Effect):
     unit: ClassVar[str] = "of the pixels"
     pixel_ns: ClassVar[float] = 4  # a random number a pixel
 
-    def size(self, regime: Regime) -> float:
-        """Their share."""
-        return self.share
-
     def bound(self, regime: Regime) -> float:
         """A stuck pixel may read anything."""
         return max(1.0, regime.brightest) if self.share > 0 else 0.0

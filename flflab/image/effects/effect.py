@@ -71,14 +71,14 @@ class Effect:
                 raise InputError(f"{effect}: {told}; {limits['allowed']}")
 
     def size(self, regime: Regime) -> float:
-        """How large the effect is, in ``unit``."""
-        raise NotImplementedError
+        """How large the effect is, in ``unit``: its first parameter where it says nothing else."""
+        return getattr(self, fields(self)[0].name)
 
     def bound(self, regime: Regime) -> float:
         """Most that leaving it out can change on any pixel, of white, whichever of the others are
-        left out too.
+        left out too: its size as a share of the brightest light where it says nothing else.
         """
-        raise NotImplementedError
+        return self.size(regime) * regime.brightest
 
     def why(self, regime: Regime) -> str:
         """One sentence: what its size comes from."""

@@ -22,10 +22,6 @@ class Falloff(Effect):
         """What the ray of the largest slope s loses: 1 - cos^4 = 1 - 1 / (1 + s^2)^2."""
         return 1 - (1 + regime.slope**2) ** -2
 
-    def bound(self, regime: Regime) -> float:
-        """That share of the brightest light."""
-        return self.size(regime) * regime.brightest
-
     def why(self, regime: Regime) -> str:
         """The steepest ray."""
         return f"rays land up to {math.degrees(math.atan(regime.slope)):.3g} degrees off the normal"

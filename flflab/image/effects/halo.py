@@ -23,14 +23,6 @@ class Halo(Finishing):
     unit: ClassVar[str] = "of light"
     pixel_ns: ClassVar[float] = 100  # two passes of a filter
 
-    def size(self, regime: Regime) -> float:
-        """Its share."""
-        return self.share
-
-    def bound(self, regime: Regime) -> float:
-        """No pixel loses or gains more than this share of the brightest light."""
-        return self.share * regime.brightest
-
     def why(self, regime: Regime) -> str:
         """How far the light goes."""
         return f"{self.share:.3g} of all light lands {1e3 * self.radius:.3g} um aside"

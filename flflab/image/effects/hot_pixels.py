@@ -22,10 +22,6 @@ class HotPixels(Effect):
     unit: ClassVar[str] = "of the pixels"
     pixel_ns: ClassVar[float] = 4  # a random number a pixel
 
-    def size(self, regime: Regime) -> float:
-        """Their share."""
-        return self.share
-
     def bound(self, regime: Regime) -> float:
         """What one pixel in 10^9 exceeds: 20.7 times the mean."""
         return regime.of_white(math.log(1e9) * self.electrons) if self.share > 0 else 0.0

@@ -30,10 +30,6 @@ class SecondStop(Finishing):
     unit: ClassVar[str] = "mm"
     lit_ns: ClassVar[float] = 300  # areas of three discs in a part of the lit pixels
 
-    def size(self, regime: Regime) -> float:
-        """Its diameter."""
-        return self.diameter
-
     def bound(self, regime: Regime) -> float:
         """It may stop all light."""
         return regime.brightest

@@ -20,14 +20,6 @@ class Shading(Finishing):
     unit: ClassVar[str] = "of light"
     pixel_ns: ClassVar[float] = 2  # one product a pixel
 
-    def size(self, regime: Regime) -> float:
-        """What the corner loses."""
-        return self.corner
-
-    def bound(self, regime: Regime) -> float:
-        """No pixel loses more than the corner's share of the brightest light."""
-        return self.corner * regime.brightest
-
     def why(self, regime: Regime) -> str:
         """Where the light is lost."""
         return f"the sensor's corners get {100 * self.corner:.3g} % less light"

@@ -16,14 +16,6 @@ class StrayLight(Finishing):
     unit: ClassVar[str] = "of light"
     pixel_ns: ClassVar[float] = 2  # one sum over the picture
 
-    def size(self, regime: Regime) -> float:
-        """Its share."""
-        return self.share
-
-    def bound(self, regime: Regime) -> float:
-        """No pixel loses or gains more than this share of the brightest light."""
-        return self.share * regime.brightest
-
     def why(self, regime: Regime) -> str:
         """Where the light goes."""
         return f"{self.share:.3g} of all light is spread over the sensor"

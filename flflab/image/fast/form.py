@@ -14,7 +14,7 @@ from flflab.image.effects.motion import Motion
 from flflab.image.fast.columns import add_by_columns
 from flflab.image.fast.dots import add_dots
 from flflab.image.fast.lines import LINE, SHARP, Lines, Sampling, add_pixel_by_pixel
-from flflab.image.fast.profile import Profile, profile_of
+from flflab.image.fast.profile import EVEN, profile_of
 from flflab.image.fast.share import STEEP, share_table
 from flflab.image.landing import linearised
 from flflab.image.microlenses import Lenses, outside
@@ -41,9 +41,6 @@ DOTS_SHARP_LEAVE = 0.03  # over the square of the blur, seen through the middle 
 WIDE, WIDEST = 2.5, 2000.0  # pixels: a wider blur is formed like this one
 PIECE = 16  # rows of a micro-image between two looks whether anybody still waits
 NONE = np.zeros(0)
-EVEN = Profile(
-    np.array([[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros(1, dtype=np.int64), 1.0
-)  # white, seen at 0
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,6 @@ class Upright:
         by_columns: whether the target varies along the sensor's columns alone.
         tabulated: width in pixels from which on a vignetting edge is read from a table; pixels on
             narrower ones are cut into parts.
-        sharp: which microlenses see dots through the middle of the pupil.
     """
 
     target: Target
@@ -67,7 +63,6 @@ class Upright:
     how: tuple[Sampling, ...]
     by_columns: bool
     tabulated: float
-    sharp: npt.NDArray[np.bool_]
 
 
 def upright(
@@ -110,9 +105,8 @@ def upright(
     turned = float(np.abs(lines["sin"]).max(initial=0.0) * outside(lenses).max(initial=0.0))
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
     by_columns = (bounded and turned <= allowed) or isinstance(plane.target, White)
-    sharp = DOTS_SHARP_LEAVE * blur**2 <= KEPT * tolerance
     tabulated = tabulated_from(plane.target, tolerance, float(blur.max(initial=0.0)))
-    return Upright(plane.target, lenses, lines, how, by_columns, tabulated, sharp)
+    return Upright(plane.target, lenses, lines, how, by_columns, tabulated)
 
 
 def lines_of(scene: Scene, plane: Plane, lenses: Lenses) -> Lines:
@@ -152,6 +146,8 @@ def blur_of(lines: Lines, pixel: float) -> Array:
 def strips_for(blur: float, target: Target, tolerance: float, weighted: bool) -> int:
     """How many strips across the pupil a tolerance takes, for a blur in pixels."""
     allowed = KEPT * tolerance
+    if isinstance(target, FourDot):
+        return 1 if DOTS_SHARP_LEAVE * blur**2 <= allowed else FEWEST
     if isinstance(target, White) or SHARP_LEAVES * blur <= allowed:
         return max(FEWEST, math.ceil(math.sqrt(FALLOFF_LEAVES / allowed))) if weighted else 1
     blur = min(blur, WIDEST)
@@ -211,7 +207,7 @@ def add_upright(image: Array, scene: Scene, made: Upright) -> None:
                 if isinstance(target, FourDot):
                     add_dots(
                         image, lens, line, target.centres, target.diameter / 2, tables[index],
-                        places, rows, how, bool(made.sharp[index]),
+                        places, rows, how,
                     )  # fmt: skip
                 else:
                     one_by_one(image, lens, line, profile, tables[index], places, rows, how)

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.bands import go_on, in_bands
-from flflab.image.effects.motion import Motion
 from flflab.image.fast.profile import Profile
 from flflab.image.general.rays import (
     Points,
@@ -316,32 +315,16 @@ def _moments(blocks: Blocks, index: int) -> list[tuple[tuple[float, float], floa
         )
         for one in finite
     )
-    return _shared_out(motion, STILL * footprint)
-
-
-def _shared_out(motion: Motion, still: float) -> list[tuple[tuple[float, float], float, float]]:
-    ways = [(np.asarray(motion.drift), _even), (2 * np.asarray(motion.vibration), _swinging)]
+    still = STILL * footprint or math.inf
+    drift, swing = np.asarray(motion.drift), 2 * np.asarray(motion.vibration)
     counts = [
-        min(math.ceil(float(np.hypot(*way)) / still), MOST_MOMENTS) if still > 0 else 1
-        for way, _ in ways
+        int(np.clip(math.ceil(min(math.hypot(*way) / still, MOST_MOMENTS)), 1, MOST_MOMENTS))
+        for way in (drift, swing)
     ]
-    counts = [max(count, 1) for count in counts]
-    found: list[tuple[tuple[float, float], float, float]] = []
-    (drift, _), (swing, _) = ways
-    for first in _even(counts[0]):
-        for second in _swinging(counts[1]):
-            at = first * drift + second * swing
-            inside = (drift / counts[0]) ** 2
-            inside = inside + (1.5 * swing**2 if counts[1] == 1 else (swing / counts[1]) ** 2)
-            found.append(((float(at[0]), float(at[1])), *np.sqrt(inside).tolist()))
-    return found
-
-
-def _even(count: int) -> Array:
-    """Middles of equal shares of an even way from -1/2 to 1/2."""
-    return (np.arange(count) + 0.5) / count - 0.5
-
-
-def _swinging(count: int) -> Array:
-    """Places of equal shares of a sine's time, from -1/2 to 1/2."""
-    return np.cos(np.pi * (np.arange(count) + 0.5) / count) / 2
+    even, turned = ((np.arange(count) + 0.5) / count for count in counts)
+    left = (drift / counts[0]) ** 2 + (1.5 if counts[1] == 1 else 1.0) * (swing / counts[1]) ** 2
+    return [
+        (tuple((first - 0.5) * drift + math.cos(math.pi * second) / 2 * swing), *np.sqrt(left))
+        for first in even
+        for second in turned
+    ]
