@@ -22,6 +22,8 @@ from flflab.targets import Bars, Black, FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
 
+STRIPS = 8  # across the pupil, of white whose rays fall off
+
 
 @dataclass(frozen=True)
 class Light:
@@ -179,7 +181,8 @@ def _add_waves(image: Array, scene: Scene, made: Upright, wavelength: float, pix
     """
     add_with_waves(image, scene, made, wavelength, pixel)
     if scene.falloff is not None:
-        white = replace(made, target=White(), by_columns=True, lines=made.lines.copy())
+        how = tuple(one._replace(strips=STRIPS) for one in made.how)
+        white = replace(made, target=White(), by_columns=True, lines=made.lines.copy(), how=how)
         for name in ("origin", "sensor", "pupil"):
             white.lines[name] = 0.0
         bright, dimmed = _even_and_weighted(scene, white)
