@@ -52,12 +52,11 @@ class Decision:
 @dataclass(frozen=True)
 class Choice:
     """What a picture is formed of: every effect of the light, the tolerance left for forming it,
-    the error promised, and the sum of the bounds of what is left out.
+    and the sum of the bounds of what is left out.
     """
 
     decisions: tuple[Decision, ...]
     tolerance: float
-    promised: float
     left_out: float
     regime: Regime
 
@@ -78,16 +77,8 @@ def effects_of(scene: Scene) -> tuple[Effect, ...]:
     """
     turned = tuple((plane.roll, math.hypot(*plane.tilt)) for plane in scene.planes)
     described = (getattr(scene, name.replace("-", "_")) for name in DESCRIBED)
-    array, sensor = scene.camera.array, scene.camera.sensor
-    out_of_line = any(
-        (
-            *array.offset,
-            array.roll,
-            *array.tilt,
-            *sensor.offset,
-            *(part for plane in turned for part in plane),
-        )
-    )
+    in_line = without(scene, ALL - {"misalignment"}).camera == scene.camera
+    out_of_line = not in_line or any(map(any, turned))
     return (
         Defocus(),
         Vignetting(),
@@ -125,7 +116,7 @@ def choose(scene: Scene, tolerance: float, asked: str = "auto") -> Choice:
         rest = for_forming(allowed, sum(bounds[name] for name in left_out))
         on = present.keys() - left_out
     else:
-        on, rest, allowed = present.keys() & named(asked), tolerance, math.inf
+        on, rest = present.keys() & named(asked), tolerance
         for name in sorted(present.keys() - ALL - on):
             raise InputError(
                 f"effects: '{name}' cannot be left out of this scene; add it to the list"
@@ -139,7 +130,7 @@ def choose(scene: Scene, tolerance: float, asked: str = "auto") -> Choice:
             remark = ": too little to matter, but requested"
         decisions.append(decided(name, present.get(name), regime, name in on, remark))
     lost = sum(bounds[name] for name in present.keys() - on) if asked in LEVELS else 0.0
-    return Choice(tuple(decisions), rest, allowed, lost, regime)
+    return Choice(tuple(decisions), rest, lost, regime)
 
 
 def named(asked: str) -> frozenset[str]:

@@ -79,20 +79,12 @@ def _closed_forms(made: Upright, lit: Array, pixel: float) -> float:
     strips = np.array([how.strips for how in made.how], dtype=np.float64)
     parts = np.array([how.parts for how in made.how], dtype=np.float64) ** 2
     if isinstance(made.target, FourDot):
-        return DOT_PART * float((parts * np.minimum(lit, _dots(made, pixel))).sum())
+        seen = made.target.diameter / 2 + np.abs(made.lines["pupil"])
+        with np.errstate(divide="ignore"):
+            dot = math.pi * (seen / np.abs(made.lines["sensor"]) / pixel) ** 2
+        return DOT_PART * float((parts * np.minimum(lit, 4 * dot)).sum())
     wide = np.abs(lenses["slope"])
     inner = np.maximum(lenses["reach"] - wide, 0.0)
     edge = np.where(2 * wide < made.tabulated * pixel, 1 - (inner / outside(lenses)) ** 2, 0.0)
     spent = PART * parts * strips * edge + (COLUMN_STRIP if made.by_columns else STRIP) * strips
     return float((spent * lit).sum())
-
-
-def _dots(made: Upright, pixel: float) -> Array:
-    """Pixels of each micro-image that see one of the dots."""
-    if not isinstance(made.target, FourDot):
-        return np.zeros(len(made.lenses))
-    seen = made.target.diameter / 2 + np.abs(made.lines["pupil"])
-    with np.errstate(divide="ignore"):
-        return (
-            len(made.target.centres) * math.pi * (seen / np.abs(made.lines["sensor"]) / pixel) ** 2
-        )

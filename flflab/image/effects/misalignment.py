@@ -60,11 +60,5 @@ class Misalignment(Effect):
     def why(self, regime: Regime) -> str:
         """What is out of line."""
         camera = regime.misaligned.rim > 0 or regime.misaligned.shift > 0
-        parts = (["array or sensor"] if camera else []) + (
-            ["target"] if any(map(any, self.turned)) else []
-        )
-        return (
-            f"offset, roll or tilt of {' and '.join(parts)}"
-            if parts
-            else "array, sensor and target are in line"
-        )
+        parts = ["array or sensor"] * camera + ["target"] * any(map(any, self.turned))
+        return f"offset, roll or tilt of {' and '.join(parts)}"

@@ -13,6 +13,7 @@ class Occlusion(Effect):
 
     name: ClassVar[str] = "occlusion"
     unit: ClassVar[str] = "planes"
+    lit_ns: ClassVar[float] = 350  # rays, once more
 
     def size(self, regime: Regime) -> float:
         """How many planes stand before another."""
@@ -22,14 +23,6 @@ class Occlusion(Effect):
         """All light of the planes behind."""
         return (len(regime.planes) - 1) * regime.brightest
 
-    def cost(self, regime: Regime) -> float:
-        """Rays, once more for each plane."""
-        return 3.5e-4 * regime.pixels * regime.lit * (len(regime.planes) - 1)
-
     def why(self, regime: Regime) -> str:
         """How many planes."""
-        return (
-            "one target alone hides nothing"
-            if len(regime.planes) == 1
-            else f"{len(regime.planes)} targets stand behind each other"
-        )
+        return f"{len(regime.planes)} targets stand behind each other"

@@ -62,9 +62,10 @@ def add_dots(
             x, y = x + aside[0] / line.sensor, y + aside[1] / line.sensor
         elif math.hypot(aside[0], aside[1]) >= radius + abs(line.pupil):
             continue
-        start, end = _within(xs, x, reach, lens.first_column, lens.end_column)
-        top, bottom = max(rows[0], lens.first_row), min(rows[1], lens.end_row)
-        first, last = _within(ys, y, reach, top, bottom)
+        start = max(lens.first_column, np.searchsorted(xs, x - reach))
+        end = min(lens.end_column, np.searchsorted(xs, x + reach, side="right"))
+        first = max(rows[0], lens.first_row, np.searchsorted(ys, y - reach))
+        last = min(rows[1], lens.end_row, np.searchsorted(ys, y + reach, side="right"))
         for row in range(first, last):
             for column in range(start, end):
                 ex, ey = xs[column] - lens.x, ys[row] - lens.y
@@ -77,16 +78,6 @@ def add_dots(
                 else:
                     light = _blurred(lens, line, aside, radius, ex, ey, how)
                 image[row, column] += lens.level * light
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _within(places: Array, middle: float, reach: float, first: int, end: int) -> tuple[int, int]:
-    """The part of a range of pixels within a distance of a place."""
-    while first < end and places[first] < middle - reach:
-        first += 1
-    while first < end and places[end - 1] > middle + reach:
-        end -= 1
-    return first, end
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

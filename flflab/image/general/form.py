@@ -31,8 +31,9 @@ from flflab.targets import Bars, FourDot, Picture
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+Group = tuple[int, Whole, tuple[Array, Array]]
 
-TOGETHER = 96  # rays a side of a tile, at most: they stay in the cache
+TOGETHER = 96  # squared, rays that are formed together: they stay in the cache
 MOST_SIDE = 16  # points a side of the pupil
 PILOT = 3000  # lit pixels
 MORE = 8  # times as many are looked at: targets may be dark in most
@@ -114,18 +115,17 @@ def add_rays(image: Array, blocks: Blocks, side: int) -> None:
     xs, ys = pixel_positions(blocks.scene.camera.sensor)
     points, lenses = grid(side if blocks.defocus else 1), blocks.surfaces[0].lenses
 
+    pixel, together = blocks.scene.camera.sensor.pixel, max(TOGETHER // side, 8) ** 2
+
     def form(first: int, last: int) -> Iterator[None]:
         for index, lens in enumerate(lenses):
-            for start, end in _tiles(lens, first, last, max(TOGETHER // side, 8)):
-                rows, columns = lit_pixels(
-                    lens, xs, ys, blocks.scene.camera.sensor.pixel, start, end
-                )
-                if len(rows):
-                    places = xs[columns] - lens["x"], ys[rows] - lens["y"]
-                    rays = _rays(blocks, lens, points, places)
-                    light = _light(blocks, index, rays, points)
-                    add_light(image, rows, columns, light, rays.weight, float(lens["level"]))
-                    yield
+            rows, columns = lit_pixels(lens, xs, ys, pixel, (first, last))
+            for start in range(0, len(rows), together):
+                y, x = rows[start : start + together], columns[start : start + together]
+                rays = _rays(blocks, lens, points, (xs[x] - lens["x"], ys[y] - lens["y"]))
+                light = _light(blocks, index, rays, points)
+                add_light(image, y, x, light, rays.weight, float(lens["level"]))
+                yield
 
     in_bands(form, image.shape[0])
 
@@ -159,19 +159,6 @@ def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot
     return found
 
 
-def _tiles(
-    lens: Record, first: int, last: int, side: int
-) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """First and end (row, column) of the tiles, so many pixels a side, of a window within a band
-    of rows.
-    """
-    top, bottom = max(int(lens["first_row"]), first), min(int(lens["end_row"]), last)
-    for row in range(top, bottom, side):
-        for column in range(int(lens["first_column"]), int(lens["end_column"]), side):
-            end = min(row + side, bottom), min(column + side, int(lens["end_column"]))
-            yield (row, column), end
-
-
 def _lit(blocks: Blocks) -> tuple[Whole, Whole]:
     """Rows and columns of random lit pixels."""
     if not blocks.surfaces:
@@ -197,23 +184,16 @@ def light_at(blocks: Blocks, rows: Whole, columns: Whole, points: Callable[[], P
     return _summed(blocks, groups, len(rows), points)
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Few pixels that one microlens lights: which, and where from its micro-image's centre, mm."""
-
-    lens: int
-    pixels: Whole
-    x: Array
-    y: Array
-
-
-def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[_Group]:
+def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[Group]:
+    """Few pixels that one microlens lights: the microlens, which of them, and where they lie from
+    its micro-image's centre, mm.
+    """
     xs, ys = pixel_positions(blocks.scene.camera.sensor)
     lenses = blocks.surfaces[0].lenses
     reach = outside(lenses) + blocks.scene.camera.sensor.pixel
     order = np.argsort(ys[rows], kind="stable")
     down = ys[rows[order]]
-    found: list[_Group] = []
+    found: list[Group] = []
     for index, lens in enumerate(lenses):
         first, last = np.searchsorted(down, lens["y"] + reach[index] * np.array([-1.0, 1.0]))
         near = order[first:last]
@@ -222,19 +202,17 @@ def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[_Group]:
         near, ex, ey = near[here], ex[here], ey[here]
         for start in range(0, len(near), SHARED):
             few = slice(start, start + SHARED)
-            found.append(_Group(index, near[few], ex[few], ey[few]))
+            found.append((index, near[few], (ex[few], ey[few])))
     return found
 
 
-def _summed(
-    blocks: Blocks, groups: list[_Group], pixels: int, points: Callable[[], Points]
-) -> Array:
+def _summed(blocks: Blocks, groups: list[Group], count: int, points: Callable[[], Points]) -> Array:
     """Light of so many pixels through all their microlenses: where micro-images overlap, errors
     add up.
     """
-    total = np.zeros(pixels)
-    for one in groups:
-        total[one.pixels] += _values(blocks, one.lens, points(), (one.x, one.y))
+    total = np.zeros(count)
+    for index, pixels, places in groups:
+        total[pixels] += _values(blocks, index, points(), places)
     return total
 
 

@@ -101,14 +101,15 @@ def shifted_grid(side: int, rng: np.random.Generator) -> Points:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def lit_pixels(
-    lens: Record, xs: Array, ys: Array, pixel: float, first: tuple[int, int], end: tuple[int, int]
+    lens: Record, xs: Array, ys: Array, pixel: float, band: tuple[int, int]
 ) -> tuple[Whole, Whole]:
-    """Rows and columns of a tile's pixels that light of a microlens can reach."""
-    rows = np.empty((end[0] - first[0]) * (end[1] - first[1]), dtype=np.int64)
+    """Rows and columns of the pixels in a band of rows that light of a microlens can reach."""
+    first, end = max(lens.first_row, band[0]), min(lens.end_row, band[1])
+    rows = np.empty(max(end - first, 0) * (lens.end_column - lens.first_column), dtype=np.int64)
     columns = np.empty_like(rows)
     reach, count = lens.reach + abs(lens.slope) + math.sqrt(0.5) * pixel, 0
-    for row in range(first[0], end[0]):
-        for column in range(first[1], end[1]):
+    for row in range(first, end):
+        for column in range(lens.first_column, lens.end_column):
             ex, ey = xs[column] - lens.x, ys[row] - lens.y
             if ex * ex + ey * ey < reach * reach:
                 rows[count], columns[count] = row, column

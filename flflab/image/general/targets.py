@@ -166,18 +166,13 @@ def see_texels(
             y, tall = _clipped(v[point, index], whole_v, half[1])
             x, wide = x / texel + 0.5 * columns, wide / texel
             y, tall = y / texel + 0.5 * rows, tall / texel
-            left, right = _within(x - wide / 2, columns), _within(x + wide / 2, columns)
-            low, high = _within(y - tall / 2, rows), _within(y + tall / 2, rows)
+            left, right = max(x - wide / 2, 0.0), min(x + wide / 2, float(columns))
+            low, high = max(y - tall / 2, 0.0), min(y + tall / 2, float(rows))
             if right > left and high > low:
                 total = _corner(table, high, right) - _corner(table, high, left)
                 total += _corner(table, low, left) - _corner(table, low, right)
                 light[point, index] = total / (wide * tall)
     return light
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _within(place: float, count: int) -> float:
-    return min(max(place, 0.0), float(count))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
