@@ -19,16 +19,15 @@ from flflab.optics.neighbours import neighbours_of
 from flflab.optics.smms import Smms, camera_smms
 from flflab.optics.useful import SensorFields, fields_of, select
 from flflab.optics.views import chief_crossings, seen_by
-from flflab.targets import FourDot, Picture, Target
+from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 
-UNITS = {
-    "diameter": "diameter_mm",
-    "spacing": "spacing_mm",
-    "width": "width_mm",
-    "height": "height_mm",
-}
+MM = (
+    *("aperture", "diameter", "distance", "focal_length", "focal_lengths", "height", "offset"),
+    *("pitch", "pixel", "size", "spacing", "width"),
+)
+UNITS = {**dict.fromkeys(MM, "mm"), "resolution": "px", "angle": "deg", "roll": "deg"}
 
 
 def ground_truth(scene: Scene) -> dict[str, Any]:
@@ -89,36 +88,33 @@ def sharp_distance(camera: Camera) -> float:
 
 
 def _camera(camera: Camera, reasons: dict[str, str]) -> dict[str, Any]:
-    array, sensor = camera.array, camera.sensor
     smms = camera_smms(camera)
     sharp = float(sharp_vergence(smms)[axis_microlens(smms)])
     if sharp == 0:
         reasons["camera.sharp_distance_mm"] = "the camera is focused at infinity"
     elif not 0 < sharp < math.inf:
         reasons["camera.sharp_distance_mm"] = "no real target distance is in focus on the sensor"
+    array = ("layout", "count", "pitch", "aperture", "focal_lengths", "distance", "offset", "roll")
     return {
-        "focal_length_mm": camera.main_lens.focal_length,
-        "f_number": camera.main_lens.f_number,
-        "aperture_shape": camera.aperture_shape,
-        "array": {
-            "layout": array.layout,
-            "count": list(array.count),
-            "pitch_mm": list(array.pitch),
-            "aperture_mm": array.aperture,
-            "focal_lengths_mm": list(array.focal_lengths),
-            "distance_mm": array.distance,
-            "offset_mm": list(array.offset),
-            "roll_deg": math.degrees(array.roll),
-            "tilt": list(array.tilt),
-        },
-        "sensor": {
-            "resolution_px": list(sensor.resolution),
-            "pixel_mm": sensor.pixel,
-            "distance_mm": sensor.distance,
-            "offset_mm": list(sensor.offset),
-        },
+        **_told(camera.main_lens, "focal_length", "f_number"),
+        **_told(camera, "aperture_shape"),
+        "array": _told(camera.array, *array, "tilt"),
+        "sensor": _told(camera.sensor, "resolution", "pixel", "distance", "offset"),
         "sharp_distance_mm": 1 / sharp if 0 < sharp < math.inf else None,
     }
+
+
+def _told(part: object, *names: str) -> dict[str, Any]:
+    """Fields of a part, by name and unit; null where infinite."""
+    found: dict[str, Any] = {}
+    for name in names:
+        value, unit = getattr(part, name), UNITS.get(name)
+        if isinstance(value, tuple):
+            value = list(value)
+        elif unit == "deg":
+            value = math.degrees(value)
+        found[name if unit is None else f"{name}_{unit}"] = None if value == math.inf else value
+    return found
 
 
 def _pixels(sensor: Sensor, position: Array) -> Array:
@@ -181,29 +177,13 @@ def _plane(scene: Scene, index: int, smms: Smms, reasons: dict[str, str]) -> dic
         reasons[f"{key}.size_mm"] = "it is boundless"
     if why is not None:
         reasons[f"{key}.dots"] = why
+    parts = (one.name for one in fields(plane.target) if one.name != "values")
     return {
-        "target": _target(plane.target),
-        "distance_mm": None if infinite else plane.distance,
-        "offset_mm": list(plane.offset),
-        "roll_deg": math.degrees(plane.roll),
-        "tilt": list(plane.tilt),
-        "size_mm": None if plane.size is None else list(plane.size),
+        "target": {"kind": plane.target.kind, **_told(plane.target, *parts)},
+        **_told(plane, "distance", "offset", "roll", "tilt", "size"),
         "magnification": scale if math.isfinite(scale) else None,
         "dots": dots,
     }
-
-
-def _target(target: Target) -> dict[str, Any]:
-    told: dict[str, Any] = {"kind": target.kind}
-    for field in fields(target):
-        value = getattr(target, field.name)
-        if field.name == "angle":
-            told["angle_deg"] = math.degrees(value)
-        elif not (isinstance(target, Picture) and field.name == "values"):
-            told[UNITS.get(field.name, field.name)] = (
-                list(value) if isinstance(value, tuple) else value
-            )
-    return told
 
 
 def _dot(

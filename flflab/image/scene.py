@@ -58,15 +58,10 @@ class Plane:
             InputError: a number is not finite or outside what is allowed, or a tilt or a card at
                 infinity.
         """
-        if math.isnan(self.distance) or self.distance <= 0:
+        if not (0 < self.distance <= FARTHEST or self.distance == math.inf):
             raise InputError(
-                f"scene: the target's distance is {self.distance:g} mm; one above 0, in front of"
-                " the main lens, or infinity is due"
-            )
-        if FARTHEST < self.distance < math.inf:
-            raise InputError(
-                f"scene: the target's distance is {self.distance:g} mm; up to {FARTHEST:g} mm is"
-                " allowed, or infinity"
+                f"scene: the target's distance is {self.distance:g} mm; above 0, in front of the"
+                f" main lens, up to {FARTHEST:g} mm is allowed, or infinity"
             )
         if not all(math.isfinite(part) for part in (*self.offset, self.roll)):
             raise InputError(
