@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from flflab.image.fast.form import Upright, add_upright, blur_of
-from flflab.image.microlenses import set_windows
+from flflab.image.microlenses import outside, set_windows
 from flflab.image.scene import Scene
 from flflab.optics.camera import Sensor
 from flflab.targets import Bars, FourDot, White
@@ -37,6 +37,9 @@ def step_of(made: Upright, pixel: float, tolerance: float) -> int:
         tolerance: root mean square of the error over lit pixels, of white.
     """
     widths = [2 * np.abs(made.lenses["slope"]) / pixel]
+    plateau = outside(made.lenses) - widths[0] * pixel  # whole of the pupil is seen within it
+    if isinstance(made.target, White) and float(plateau.min(initial=math.inf)) < 2 * pixel:
+        return 1  # a cone has a tip
     periods = math.inf
     with np.errstate(divide="ignore"):
         per_mm = 1 / (np.abs(made.lines["sensor"]) * pixel)

@@ -89,18 +89,18 @@ def upright(
     bounded = isinstance(plane.target, Bars)
     half_height = plane.target.height / 2 if isinstance(plane.target, Bars) else math.inf
     blur = blur_of(lines, scene.camera.sensor.pixel)
-    narrow = 2 * np.abs(lenses["slope"]) < STEEP * scene.camera.sensor.pixel
+    width = 2 * np.abs(lenses["slope"]) / scene.camera.sensor.pixel
     small = outside(lenses) < STEEP * scene.camera.sensor.pixel
     how = tuple(
         Sampling(
             strips_for(float(one), plane.target, tolerance, weighted),
-            parts_for(plane.target, tolerance, float(one), bool(edge), bool(least)),
+            parts_for(plane.target, tolerance, float(one), float(edge), bool(least)),
             pixel,
             smear,
             half_height,
             weighted,
         )
-        for one, edge, least in zip(blur, narrow, small, strict=True)
+        for one, edge, least in zip(blur, width, small, strict=True)
     )
     turned = float(np.abs(lines["sin"]).max(initial=0.0) * outside(lenses).max(initial=0.0))
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
@@ -167,14 +167,14 @@ def tabulated_from(target: Target, tolerance: float, blur: float) -> float:
     return max(STEEP, (TABLE_LEAVES / (KEPT * tolerance)) ** (2 / 3))
 
 
-def parts_for(target: Target, tolerance: float, blur: float, narrow: bool, small: bool) -> int:
+def parts_for(target: Target, tolerance: float, blur: float, edge: float, small: bool) -> int:
     """Parts of a pixel's side: everywhere for dots, else where one point does not stand for it.
 
     Args:
         target: what is formed.
         tolerance: root mean square, of white.
         blur: of a point, pixels.
-        narrow: whether the vignetting edge is narrower than a few pixels.
+        edge: width of the vignetting edge, pixels.
         small: whether the whole micro-image is.
     """
     if isinstance(target, FourDot):
@@ -182,8 +182,9 @@ def parts_for(target: Target, tolerance: float, blur: float, narrow: bool, small
         return min(max(math.ceil(math.sqrt(leaves / (KEPT * tolerance))), 2), 32)
     if isinstance(target, White):
         return 16 if tolerance <= FINE else 6
-    if narrow:
-        return 16 if small else (8 if tolerance < FINE else 4)
+    if edge < STEEP:
+        least = 8 if tolerance < FINE else 4
+        return 16 if small or edge < 1 / 16 else max(math.ceil(1 / edge), least)
     return 2
 
 
