@@ -3,7 +3,6 @@ two by two.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,9 +23,9 @@ class ColourFilter(Finishing):
     red: float = parameter(0.6, most=1)
     green: float = parameter(1.0, most=1)
     blue: float = parameter(0.5, most=1)
-    name: ClassVar[str] = "colour-filter"
-    unit: ClassVar[str] = "of light"
-    pixel_ns: ClassVar[float] = 2  # one multiplication a pixel
+    name = "colour-filter"
+    unit = "of light"
+    pixel_ns = 2  # one multiplication a pixel
 
     def __post_init__(self) -> None:
         """Refuse what is no mosaic.

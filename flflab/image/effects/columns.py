@@ -4,7 +4,6 @@ own.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,9 +23,9 @@ class Columns(Finishing):
     tap: float = parameter(0.0, most=0.1, unit="of the mean gain")
     taps: int = parameter(2, least=1, most=64)
     seed: int = parameter(0)
-    name: ClassVar[str] = "columns"
-    unit: ClassVar[str] = "of light"
-    pixel_ns: ClassVar[float] = 2  # one product a pixel
+    name = "columns"
+    unit = "of light"
+    pixel_ns = 2  # one product a pixel
 
     def gains(self, count: int) -> Array:
         """Gains of so many columns, 1 on average."""

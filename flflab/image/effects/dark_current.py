@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
@@ -16,9 +15,9 @@ class DarkCurrent(Effect):
 
     electrons_per_second: float = parameter(unit="electrons/s")
     exposure: float = parameter(unit="s")
-    name: ClassVar[str] = "dark-current"
-    unit: ClassVar[str] = "electrons"
-    pixel_ns: ClassVar[float] = 0.2  # one sum a pixel
+    name = "dark-current"
+    unit = "electrons"
+    pixel_ns = 0.2  # one sum a pixel
 
     @property
     def electrons(self) -> float:

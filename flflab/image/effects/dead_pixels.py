@@ -1,7 +1,6 @@
 """Dead pixels: some read the same whatever falls on them."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
@@ -15,9 +14,9 @@ class DeadPixels(Effect):
 
     share: float = parameter(most=1)
     seed: int = parameter(0)
-    name: ClassVar[str] = "dead-pixels"
-    unit: ClassVar[str] = "of the pixels"
-    pixel_ns: ClassVar[float] = 4  # a random number a pixel
+    name = "dead-pixels"
+    unit = "of the pixels"
+    pixel_ns = 4  # a random number a pixel
 
     def bound(self, regime: Regime) -> float:
         """A stuck pixel may read anything."""

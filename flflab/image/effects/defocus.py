@@ -4,7 +4,6 @@ other.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
@@ -19,8 +18,8 @@ class Defocus(Effect):
     its own.
     """
 
-    name: ClassVar[str] = "defocus"
-    unit: ClassVar[str] = "px"
+    name = "defocus"
+    unit = "px"
 
     def size(self, regime: Regime) -> float:
         """Diameter of the blur of a point."""

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
@@ -13,9 +12,9 @@ class Diffraction(Effect):
     """Light of one ``wavelength``, mm."""
 
     wavelength: float = parameter(550e-6, unit="mm", above=0)
-    name: ClassVar[str] = "diffraction"
-    unit: ClassVar[str] = "px"
-    lit_ns: ClassVar[float] = 60  # four looks into a table of images a pixel
+    name = "diffraction"
+    unit = "px"
+    lit_ns = 60  # four looks into a table of images a pixel
 
     def size(self, regime: Regime) -> float:
         """Radius of the Airy disc."""

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import PlaneRegime, Regime
@@ -18,9 +17,9 @@ class Distortion(Effect):
     """
 
     coefficient: float = parameter(unit="1/rad^2", least=-math.inf)
-    name: ClassVar[str] = "distortion"
-    unit: ClassVar[str] = "px"
-    lit_ns: ClassVar[float] = 350  # rays, where no map of a micro-image holds
+    name = "distortion"
+    unit = "px"
+    lit_ns = 350  # rays, where no map of a micro-image holds
 
     def _shift(self, plane: PlaneRegime) -> float:
         """How far the outermost ray moves, rad."""

@@ -4,7 +4,6 @@ cos^4(theta) of its paraxial light.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
@@ -14,9 +13,9 @@ from flflab.image.regime import Regime
 class Falloff(Effect):
     """It has no number of its own: the angles follow from the camera."""
 
-    name: ClassVar[str] = "falloff"
-    unit: ClassVar[str] = "of light"
-    lit_ns: ClassVar[float] = 4  # five strips or more, 0.7 ns each, and what they add to others
+    name = "falloff"
+    unit = "of light"
+    lit_ns = 4  # five strips or more, 0.7 ns each, and what they add to others
 
     def size(self, regime: Regime) -> float:
         """What the ray of the largest slope s loses: 1 - cos^4 = 1 - 1 / (1 + s^2)^2."""

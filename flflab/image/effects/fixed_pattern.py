@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
@@ -19,9 +18,9 @@ class FixedPattern(Effect):
     gain: float = parameter(0.0, most=0.1, unit="of the mean gain")
     offset: float = parameter(0.0, unit="electrons")
     seed: int = parameter(0)
-    name: ClassVar[str] = "fixed-pattern"
-    unit: ClassVar[str] = "of white"
-    pixel_ns: ClassVar[float] = 8  # two normal numbers a pixel
+    name = "fixed-pattern"
+    unit = "of white"
+    pixel_ns = 8  # two normal numbers a pixel
 
     def size(self, regime: Regime) -> float:
         """Standard deviation at the white level."""

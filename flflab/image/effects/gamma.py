@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -15,9 +14,9 @@ class Gamma(Finishing):
     """What is read is the light, of white, to the power ``exponent``; 1: in proportion."""
 
     exponent: float = parameter(least=0.3, most=3)
-    name: ClassVar[str] = "gamma"
-    unit: ClassVar[str] = "from 1"
-    pixel_ns: ClassVar[float] = 20  # one power a pixel
+    name = "gamma"
+    unit = "from 1"
+    pixel_ns = 20  # one power a pixel
 
     def size(self, regime: Regime) -> float:
         """How far it is from 1."""

@@ -3,7 +3,6 @@ cover).
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from scipy.ndimage import gaussian_filter
 
@@ -19,9 +18,9 @@ class Halo(Finishing):
 
     share: float = parameter(most=1)
     radius: float = parameter(unit="mm", above=0)
-    name: ClassVar[str] = "halo"
-    unit: ClassVar[str] = "of light"
-    pixel_ns: ClassVar[float] = 100  # two passes of a filter
+    name = "halo"
+    unit = "of light"
+    pixel_ns = 100  # two passes of a filter
 
     def why(self, regime: Regime) -> str:
         """How far the light goes."""

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
@@ -18,9 +17,9 @@ class HotPixels(Effect):
     share: float = parameter(most=1)
     electrons: float = parameter(unit="electrons")
     seed: int = parameter(0)
-    name: ClassVar[str] = "hot-pixels"
-    unit: ClassVar[str] = "of the pixels"
-    pixel_ns: ClassVar[float] = 4  # a random number a pixel
+    name = "hot-pixels"
+    unit = "of the pixels"
+    pixel_ns = 4  # a random number a pixel
 
     def bound(self, regime: Regime) -> float:
         """What one pixel in 10^9 exceeds: 20.7 times the mean."""

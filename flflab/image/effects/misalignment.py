@@ -4,7 +4,6 @@ target.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
@@ -20,9 +19,9 @@ class Misalignment(Effect):
 
     turned: tuple[tuple[float, float], ...]
     aperture: float
-    name: ClassVar[str] = "misalignment"
-    unit: ClassVar[str] = "px"
-    lit_ns: ClassVar[float] = 350  # rays, where no map of a micro-image holds
+    name = "misalignment"
+    unit = "px"
+    lit_ns = 350  # rays, where no map of a micro-image holds
 
     def _shifts(self, regime: Regime) -> list[float]:
         """How far the rays of each plane move on it, rad.

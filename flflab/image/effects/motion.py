@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import PlaneRegime, Regime
@@ -18,9 +17,9 @@ class Motion(Effect):
 
     drift: tuple[float, float] = parameter((0.0, 0.0), unit="mm", least=-math.inf)
     vibration: tuple[float, float] = parameter((0.0, 0.0), unit="mm", least=-math.inf)
-    name: ClassVar[str] = "motion"
-    unit: ClassVar[str] = "px"
-    lit_ns: ClassVar[float] = 350  # rays, where a target moves by more than an edge's width
+    name = "motion"
+    unit = "px"
+    lit_ns = 350  # rays, where a target moves by more than an edge's width
 
     def _way(self, plane: PlaneRegime, drift: float, vibration: float) -> float:
         """So many times the drift and the amplitude, rad."""

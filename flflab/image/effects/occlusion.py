@@ -1,7 +1,6 @@
 """Occlusion: a card hides what is behind it."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
@@ -11,9 +10,9 @@ from flflab.image.regime import Regime
 class Occlusion(Effect):
     """Its numbers stand in the planes; left out, the light of all planes adds up."""
 
-    name: ClassVar[str] = "occlusion"
-    unit: ClassVar[str] = "planes"
-    lit_ns: ClassVar[float] = 350  # rays, once more
+    name = "occlusion"
+    unit = "planes"
+    lit_ns = 350  # rays, once more
 
     def size(self, regime: Regime) -> float:
         """How many planes stand before another."""

@@ -1,7 +1,6 @@
 """Overlap: the light of neighbouring microlenses adds up where their micro-images overlap."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
@@ -13,8 +12,8 @@ class Overlap(Effect):
     number of its own.
     """
 
-    name: ClassVar[str] = "overlap"
-    unit: ClassVar[str] = "px"
+    name = "overlap"
+    unit = "px"
 
     def size(self, regime: Regime) -> float:
         """How far neighbouring micro-images reach into each other; negative for a gap between

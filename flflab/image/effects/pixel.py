@@ -1,7 +1,6 @@
 """Pixel area: a pixel gathers the light of its whole square."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
@@ -13,8 +12,8 @@ MEAN_DISTANCE = 0.3826  # of the points of a unit square from its middle
 class Pixel(Effect):
     """Left out, a pixel holds what falls on its centre. It has no number of its own."""
 
-    name: ClassVar[str] = "pixel"
-    unit: ClassVar[str] = "px"
+    name = "pixel"
+    unit = "px"
 
     def size(self, regime: Regime) -> float:
         """Its side."""

@@ -1,7 +1,6 @@
 """Quantisation: what is read becomes whole numbers of some bits."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.errors import InputError
 from flflab.image.effects.effect import Effect, parameter
@@ -17,9 +16,9 @@ class Quantisation(Effect):
     bits: int = parameter(12, least=1, most=16)
     dn_per_electron: float = parameter(0.4, unit="DN/electron", above=0)
     offset_dn: float = parameter(64.0, unit="DN")
-    name: ClassVar[str] = "quantisation"
-    unit: ClassVar[str] = "of white"
-    pixel_ns: ClassVar[float] = 1  # rounding
+    name = "quantisation"
+    unit = "of white"
+    pixel_ns = 1  # rounding
 
     def __post_init__(self) -> None:
         """Refuse what makes no numbers.

@@ -1,7 +1,6 @@
 """Read noise: reading a pixel adds a normal number of electrons."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
@@ -12,9 +11,9 @@ class ReadNoise(Effect):
     """Independent normal errors of every reading, ``electrons`` their standard deviation."""
 
     electrons: float = parameter(3.0, unit="electrons")
-    name: ClassVar[str] = "read-noise"
-    unit: ClassVar[str] = "of white"
-    pixel_ns: ClassVar[float] = 5  # a normal number a pixel
+    name = "read-noise"
+    unit = "of white"
+    pixel_ns = 5  # a normal number a pixel
 
     def size(self, regime: Regime) -> float:
         """Standard deviation."""

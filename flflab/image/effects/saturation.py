@@ -1,7 +1,6 @@
 """Saturation: a pixel holds no more electrons than its full well."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
@@ -12,9 +11,9 @@ class Saturation(Effect):
     """``full_well`` is the number of electrons a pixel can hold; more are lost."""
 
     full_well: float = parameter(10000.0, unit="electrons", least=1)
-    name: ClassVar[str] = "saturation"
-    unit: ClassVar[str] = "of white"
-    pixel_ns: ClassVar[float] = 0.2  # one comparison a pixel
+    name = "saturation"
+    unit = "of white"
+    pixel_ns = 0.2  # one comparison a pixel
 
     def size(self, regime: Regime) -> float:
         """The light that fills a pixel."""

@@ -1,7 +1,6 @@
 """Scatter of the microlenses: every one has a focal length, a place and a brightness of its own."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
@@ -21,8 +20,8 @@ class Scatter(Effect):
     seed: int = parameter(0)
     brightness: float = parameter(0.0, most=0.2, unit="of the light")
     aperture_decentre: float = parameter(0.0, unit="mm")
-    name: ClassVar[str] = "scatter"
-    unit: ClassVar[str] = "px"
+    name = "scatter"
+    unit = "px"
 
     def size(self, regime: Regime) -> float:
         """How far rims move at most."""

@@ -6,7 +6,6 @@ It dims a picture as it dims white: rays that it stops inside a blur count like 
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numba
 import numpy as np
@@ -26,9 +25,9 @@ class SecondStop(Finishing):
 
     distance: float = parameter(unit="mm", above=0)
     diameter: float = parameter(unit="mm", above=0)
-    name: ClassVar[str] = "second-stop"
-    unit: ClassVar[str] = "mm"
-    lit_ns: ClassVar[float] = 300  # areas of three discs in a part of the lit pixels
+    name = "second-stop"
+    unit = "mm"
+    lit_ns = 300  # areas of three discs in a part of the lit pixels
 
     def bound(self, regime: Regime) -> float:
         """It may stop all light."""

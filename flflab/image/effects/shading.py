@@ -1,7 +1,6 @@
 """Shading: the main lens brings less light towards the corners of the sensor."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -16,9 +15,9 @@ class Shading(Finishing):
     """
 
     corner: float = parameter(most=1)
-    name: ClassVar[str] = "shading"
-    unit: ClassVar[str] = "of light"
-    pixel_ns: ClassVar[float] = 2  # one product a pixel
+    name = "shading"
+    unit = "of light"
+    pixel_ns = 2  # one product a pixel
 
     def why(self, regime: Regime) -> str:
         """Where the light is lost."""

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
@@ -14,9 +13,9 @@ class ShotNoise(Effect):
     number of its own.
     """
 
-    name: ClassVar[str] = "shot-noise"
-    unit: ClassVar[str] = "of white"
-    pixel_ns: ClassVar[float] = 9  # a Poisson number a pixel
+    name = "shot-noise"
+    unit = "of white"
+    pixel_ns = 9  # a Poisson number a pixel
 
     def size(self, regime: Regime) -> float:
         """Standard deviation at the white level."""

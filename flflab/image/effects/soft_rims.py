@@ -4,7 +4,6 @@ edge is not sharp; what is seen inside them stays sharp.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -21,9 +20,9 @@ class SoftRims(Finishing):
     """The rims are blurred by a Gaussian of the standard deviation ``radius``, mm on the sensor."""
 
     radius: float = parameter(unit="mm")
-    name: ClassVar[str] = "soft-rims"
-    unit: ClassVar[str] = "px"
-    pixel_ns: ClassVar[float] = 220  # a white picture, and two filters of two passes
+    name = "soft-rims"
+    unit = "px"
+    pixel_ns = 220  # a white picture, and two filters of two passes
 
     def size(self, regime: Regime) -> float:
         """Standard deviation of the blur."""

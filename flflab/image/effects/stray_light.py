@@ -1,7 +1,6 @@
 """Stray light: a share of all light that is spread evenly over the sensor (veiling glare)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Array, Finishing, Formed, parameter
 from flflab.image.regime import Regime
@@ -12,9 +11,9 @@ class StrayLight(Finishing):
     """``share`` of the light of every pixel goes evenly to all."""
 
     share: float = parameter(most=1)
-    name: ClassVar[str] = "stray-light"
-    unit: ClassVar[str] = "of light"
-    pixel_ns: ClassVar[float] = 2  # one sum over the picture
+    name = "stray-light"
+    unit = "of light"
+    pixel_ns = 2  # one sum over the picture
 
     def why(self, regime: Regime) -> str:
         """Where the light goes."""

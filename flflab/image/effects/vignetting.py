@@ -3,7 +3,6 @@ pupil.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
@@ -17,9 +16,9 @@ class Vignetting(Effect):
     no number of its own.
     """
 
-    name: ClassVar[str] = "vignetting"
-    unit: ClassVar[str] = "px"
-    lit_ns: ClassVar[float] = 3  # a look into a table
+    name = "vignetting"
+    unit = "px"
+    lit_ns = 3  # a look into a table
 
     def size(self, regime: Regime) -> float:
         """Width of the widest rim."""

@@ -11,18 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.bands import go_on, in_bands
-from flflab.image.fast.profile import Profile
 from flflab.image.general.rays import (
+    Flat,
     Points,
     Rays,
+    flat_of,
     grid,
     land,
     lit_pixels,
-    plane_record,
     rays_of,
     shifted_grid,
 )
-from flflab.image.general.targets import Boxes, Summed, add_light, covered, known_of, seen
+from flflab.image.general.targets import Boxes, Sight, add_light, covered, sight_of
 from flflab.image.landing import Landing, linearised
 from flflab.image.microlenses import Lenses, Record, outside
 from flflab.image.scene import Plane, Scene
@@ -52,17 +52,17 @@ class Surface:
 
     Attributes:
         plane: the target.
-        record: the plane as kernels take it.
+        flat: the plane as kernels take it.
         lenses: ``MICROLENS`` records made for its distance, the same microlenses for all targets.
         landing: first order of each microlens's map to it.
-        known: what is worked out once of what is on it.
+        see: what is seen of what is on it.
     """
 
     plane: Plane
-    record: Record
+    flat: Flat
     lenses: Lenses
     landing: Landing
-    known: Profile | Summed | None
+    see: Sight
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ def blocks_of(scene: Scene, lenses: tuple[Lenses, ...], *, defocus: bool, pixel:
             own = own.copy()
             own["spread"] = own["lens_spread"] = 0.0
         landing = linearised(own, plane, scene.distortion)
-        record = plane_record(plane, scene.distortion)
-        surfaces.append(Surface(plane, record, own, landing, known_of(plane.target)))
+        flat = flat_of(plane, scene.distortion)
+        surfaces.append(Surface(plane, flat, own, landing, sight_of(plane.target)))
     return Blocks(scene, tuple(surfaces), pixel, defocus)
 
 
@@ -236,10 +236,10 @@ def _light(blocks: Blocks, index: int, rays: Rays, points: Points) -> Array:
         light, free = np.zeros_like(total), np.ones_like(total)
         for place, surface in enumerate(blocks.surfaces):
             boxes = _boxes(blocks, surface, index, rays, points, (left_x, left_y))
-            u, v = land(surface.lenses[index], surface.record, rays, moved)
+            u, v = land(surface.lenses[index], surface.flat, rays, moved)
             size = surface.plane.size or (math.inf, math.inf)
             half = size[0] / 2, size[1] / 2
-            here = seen(surface.plane.target, surface.known, u, v, boxes, half)
+            here = surface.see(u, v, boxes, half)
             if surface.plane.size is not None:
                 part = covered(u, v, boxes, *half)
                 here *= part

@@ -25,15 +25,17 @@ Whole = npt.NDArray[np.int64]
 # By how much the midpoints of n parts are drawn together so that their y has the disc's variance.
 DRAWN = (0.0, 0.595, 0.682, 0.737, 0.774, 0.802, 0.822, 0.839)
 MORE_DRAWN = 0.865  # for more points
-PLANE = np.dtype(
-    [
-        (name, np.float64)
-        for name in (
-            "distance", "vergence", "x", "y", "tilt_x", "tilt_y", "xx", "xy", "yx", "yy",
-            "distortion",
-        )
-    ]
-)  # fmt: skip
+
+
+class Flat(NamedTuple):
+    """A plane as ``land`` takes it; the distance is 0 at infinity, the axes are ``own_axes``."""
+
+    distance: float
+    vergence: float
+    centre: Array
+    tilt: Array
+    axes: Array
+    distortion: float
 
 
 class Points(NamedTuple):
@@ -200,23 +202,16 @@ def _pupil_point(
     return sign * x, sign * y, 3.0 * high * chord * (1.0 - z * z)
 
 
-def plane_record(plane: Plane, distortion: Distortion | None) -> Record:
+def flat_of(plane: Plane, distortion: Distortion | None) -> Flat:
     """A plane as ``land`` takes it."""
-    record: Record = np.zeros(1, PLANE)[0]
-    record["distance"] = plane.distance if math.isfinite(plane.distance) else 0.0
-    record["vergence"] = 1 / plane.distance
-    for name, pair in (("", plane.offset), ("tilt_", plane.tilt)):
-        record[f"{name}x"], record[f"{name}y"] = pair
-    axes = own_axes(plane)
-    record["xx"], record["xy"], record["yx"], record["yy"] = axes.ravel()
-    record["distortion"] = 0.0 if distortion is None else distortion.coefficient
-    return record
+    away = plane.distance if math.isfinite(plane.distance) else 0.0
+    coefficient = 0.0 if distortion is None else distortion.coefficient
+    centre, tilt = (np.array(pair, dtype=np.float64) for pair in (plane.offset, plane.tilt))
+    return Flat(away, 1 / plane.distance, centre, tilt, own_axes(plane), coefficient)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def land(
-    lens: Record, plane: Record, rays: Rays, moved: tuple[float, float]
-) -> tuple[Array, Array]:
+def land(lens: Record, plane: Flat, rays: Rays, moved: tuple[float, float]) -> tuple[Array, Array]:
     """Where rays meet a plane that has moved aside by so many mm, in the target's own axes; rad at
     infinity.
 
@@ -227,7 +222,9 @@ def land(
         moved: across the axis, mm.
     """
     u, v = np.empty_like(rays.weight), np.empty_like(rays.weight)
-    x, y = plane.x + moved[0], plane.y + moved[1]
+    x, y = plane.centre[0] + moved[0], plane.centre[1] + moved[1]
+    tilt_x, tilt_y = plane.tilt[0], plane.tilt[1]
+    xx, xy, yx, yy = plane.axes[0, 0], plane.axes[0, 1], plane.axes[1, 0], plane.axes[1, 1]
     for point in range(u.shape[0]):
         for index in range(u.shape[1]):
             ex, ey = rays.sensor_x[point, index], rays.sensor_y[point, index]
@@ -242,9 +239,9 @@ def land(
                 cross_y = lens.lens_spread * ty + lens.lens_scale * ey
                 slope_x = plane.vergence * cross_x - bent * aim_x
                 slope_y = plane.vergence * cross_y - bent * aim_y
-                depth = plane.distance + plane.tilt_x * (cross_x - x) + plane.tilt_y * (cross_y - y)
-                depth /= 1.0 + plane.tilt_x * slope_x + plane.tilt_y * slope_y
+                depth = plane.distance + tilt_x * (cross_x - x) + tilt_y * (cross_y - y)
+                depth /= 1.0 + tilt_x * slope_x + tilt_y * slope_y
                 at_x, at_y = cross_x - depth * slope_x - x, cross_y - depth * slope_y - y
-            u[point, index] = plane.xx * at_x + plane.xy * at_y
-            v[point, index] = plane.yx * at_x + plane.yy * at_y
+            u[point, index] = xx * at_x + xy * at_y
+            v[point, index] = yx * at_x + yy * at_y
     return u, v
