@@ -27,7 +27,8 @@ from flflab.image.survey import survey
 
 LEVELS = ("auto", "fast", "reference")
 WORTH = 0.1  # of the time: what saves less is not left out
-PATH = ("distortion", "misalignment", "motion")  # effects for whose sake a scene may need rays
+# effects for whose sake a scene may need rays
+PATH = ("distortion", "misalignment", "motion", "spherical-aberration")
 LIGHT = ("defocus", "vignetting", "overlap", "pixel", "misalignment", "occlusion", *DESCRIBED)
 NOISE = tuple(one.name.replace("_", "-") for one in fields(SensorResponse))
 

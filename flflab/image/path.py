@@ -154,6 +154,8 @@ def _upright(
         return made, "white is alike wherever rays end"
     if isinstance(plane.target, Picture):
         return None, "the target is a texture"
+    if scene.spherical_aberration is not None:
+        return None, "rays through a microlens's rim land aside"
     made = upright(scene, plane, lenses[0], tolerance, defocus=defocus, pixel=pixel)
     off = misfit(scene, plane, lenses[0], made.lines)
     if off > MISFIT * tolerance:

@@ -18,6 +18,7 @@ from flflab.image.effects.scatter import Scatter
 from flflab.image.effects.second_stop import SecondStop
 from flflab.image.effects.shading import Shading
 from flflab.image.effects.soft_rims import SoftRims
+from flflab.image.effects.spherical_aberration import SphericalAberration
 from flflab.image.effects.stray_light import StrayLight
 from flflab.optics.camera import Camera
 from flflab.targets import Target
@@ -97,6 +98,7 @@ class Scene:
         distortion: of the main lens.
         scatter: of the microlenses.
         motion: of the targets during the exposure.
+        spherical_aberration: of the microlenses.
         second_stop: a ring behind the main lens. It and those that follow change the finished
             picture, in this order.
         soft_rims: of the micro-images.
@@ -115,6 +117,7 @@ class Scene:
     distortion: Distortion | None = None
     scatter: Scatter | None = None
     motion: Motion | None = None
+    spherical_aberration: SphericalAberration | None = None
     second_stop: SecondStop | None = None
     soft_rims: SoftRims | None = None
     shading: Shading | None = None

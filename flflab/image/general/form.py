@@ -15,6 +15,7 @@ from flflab.image.general.rays import (
     Flat,
     Points,
     Rays,
+    aberrate,
     flat_of,
     grid,
     land,
@@ -217,7 +218,12 @@ def _summed(blocks: Blocks, groups: list[Group], count: int, points: Callable[[]
 
 
 def _rays(blocks: Blocks, lens: Record, points: Points, places: tuple[Array, Array]) -> Rays:
-    return rays_of(lens, points, *places, blocks.pixel, blocks.scene.falloff is not None)
+    scene, array = blocks.scene, blocks.scene.camera.array
+    rays = rays_of(lens, points, *places, blocks.pixel, scene.falloff is not None)
+    if scene.spherical_aberration is not None:
+        marginal = scene.spherical_aberration.marginal
+        aberrate(rays, lens, scene.camera.optical_gap, array.aperture / 2, marginal)
+    return rays
 
 
 def _values(blocks: Blocks, index: int, points: Points, places: tuple[Array, Array]) -> Array:

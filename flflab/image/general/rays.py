@@ -202,6 +202,20 @@ def _pupil_point(
     return sign * x, sign * y, 3.0 * high * chord * (1.0 - z * z)
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def aberrate(rays: Rays, lens: Record, gap: float, rim: float, marginal: float) -> None:
+    """Put rays' sensor points, in place, where first order leads rays that land there by third: a
+    ray through p radii ``rim`` of its microlens lands ``marginal`` |p|^2 p aside.
+    """
+    by_sensor, by_pupil = (1.0 - gap * lens.slant_scale) / rim, -gap * lens.slant_spread / rim
+    for point in range(rays.weight.shape[0]):
+        for index in range(rays.weight.shape[1]):
+            x = by_sensor * rays.sensor_x[point, index] + by_pupil * rays.pupil_x[point, index]
+            y = by_sensor * rays.sensor_y[point, index] + by_pupil * rays.pupil_y[point, index]
+            rays.sensor_x[point, index] -= marginal * (x * x + y * y) * x
+            rays.sensor_y[point, index] -= marginal * (x * x + y * y) * y
+
+
 def flat_of(plane: Plane, distortion: Distortion | None) -> Flat:
     """A plane as ``land`` takes it."""
     away = plane.distance if math.isfinite(plane.distance) else 0.0
