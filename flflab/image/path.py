@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.accuracy import MISFIT, OFF_BY_MOTION
+from flflab.image.accuracy import MISFIT, OFF_BY_MOTION, TOLERANCE
 from flflab.image.coarse import add_coarsely, step_of
 from flflab.image.fast.form import Upright, add_upright, upright
 from flflab.image.general.form import Pilot, add_rays, blocks_of, pilot
@@ -21,8 +21,6 @@ from flflab.image.waves import add_with_waves
 from flflab.targets import Bars, Black, FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
-
-STRIPS = 8  # across the pupil, of white whose rays fall off
 
 
 @dataclass(frozen=True)
@@ -183,10 +181,8 @@ def _add_waves(image: Array, scene: Scene, made: Upright, wavelength: float, pix
     """
     add_with_waves(image, scene, made, wavelength, pixel)
     if scene.falloff is not None:
-        how = tuple(one._replace(strips=STRIPS) for one in made.how)
-        white = replace(made, target=White(), by_columns=True, lines=made.lines.copy(), how=how)
-        for name in ("origin", "sensor", "pupil"):
-            white.lines[name] = 0.0
+        plane = Plane(White(), scene.planes[0].distance)
+        white = upright(scene, plane, made.lenses, TOLERANCE, defocus=True, pixel=pixel)
         bright, dimmed = _even_and_weighted(scene, white)
         kept = np.where(bright > 0, dimmed / np.where(bright > 0, bright, 1.0), 1.0)
         even, weighted = _even_and_weighted(scene, made)

@@ -39,8 +39,7 @@ FINEST = 6e-5  # tolerance that tables keep of what is seen in a blur through a 
 DOTS_LEAVE = 2.5e-2  # over the blur, up to WIDE pixels, and the square of a pixel's parts
 DOTS_SHARP_LEAVE = 0.03  # over the square of the blur, seen through the middle of the pupil
 WIDE, WIDEST = 2.5, 2000.0  # pixels: a wider blur is formed like this one
-PIECE = 16  # rows of a micro-image between two looks whether anybody still waits
-NONE = np.zeros(0)
+PIECE = 16  # rows between two looks whether anybody waits; columns share work among all
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,6 @@ def upright(
         lines["pupil"] = lines["across_pupil"] = 0.0
     weighted = scene.falloff is not None
     smear = _smear(scene.motion, plane)
-    bounded = isinstance(plane.target, Bars)
     half_height = plane.target.height / 2 if isinstance(plane.target, Bars) else math.inf
     blur = blur_of(lines, scene.camera.sensor.pixel)
     width = 2 * np.abs(lenses["slope"]) / scene.camera.sensor.pixel
@@ -104,7 +102,7 @@ def upright(
     )
     turned = float(np.abs(lines["sin"]).max(initial=0.0) * outside(lenses).max(initial=0.0))
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
-    by_columns = (bounded and turned <= allowed) or isinstance(plane.target, White)
+    by_columns = (half_height < math.inf and turned <= allowed) or isinstance(plane.target, White)
     tabulated = tabulated_from(plane.target, tolerance, float(blur.max(initial=0.0)))
     return Upright(plane.target, lenses, lines, how, by_columns, tabulated)
 
@@ -197,14 +195,13 @@ def add_upright(image: Array, scene: Scene, made: Upright) -> None:
     places = pixel_positions(scene.camera.sensor)
     tables = share_tables(lenses, scene.camera.sensor.pixel, made)
     one_by_one = add_by_columns if made.by_columns else add_pixel_by_pixel
-    whole = made.by_columns and not isinstance(target, FourDot)  # they share work among rows
 
     def form(first: int, last: int) -> Iterator[None]:
         for index in range(len(lenses)):
             lens, line, how = lenses[index], made.lines[index], made.how[index]
             top, bottom = max(int(lens["first_row"]), first), min(int(lens["end_row"]), last)
-            for row in range(top, bottom, image.shape[0] if whole else PIECE):
-                rows = row, bottom if whole else min(row + PIECE, bottom)
+            for row in range(top, bottom, image.shape[0] if made.by_columns else PIECE):
+                rows = row, bottom if made.by_columns else min(row + PIECE, bottom)
                 if isinstance(target, FourDot):
                     add_dots(
                         image, lens, line, target.centres, target.diameter / 2, tables[index],
@@ -226,7 +223,7 @@ def share_tables(lenses: Lenses, pixel: float, made: Upright) -> list[Array]:
     for lens, sampling in zip(lenses, made.how, strict=True):
         wide, reach = abs(float(lens["slope"])), float(lens["reach"])
         if 2 * wide < made.tabulated * pixel:
-            found.append(NONE)
+            found.append(np.zeros(0))
             continue
         key = wide, reach, sampling.pixel
         if key not in known:

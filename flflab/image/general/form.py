@@ -137,7 +137,14 @@ def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot
     Two independent references of each pixel are compared with the picture: the mean of (V - A)(V -
     B) is the mean squared error without bias; what it is uncertain by is counted.
     """
-    rows, columns = _lit(blocks)
+    if not blocks.surfaces:
+        return Pilot(2, 0.0, 0.0)
+    columns, rows = (
+        np.random.default_rng(axis).integers(0, size, MORE * PILOT)
+        for axis, size in enumerate(blocks.scene.camera.sensor.resolution)
+    )
+    lit = light_at(blocks, rows, columns, partial(grid, 2)) > LIT
+    rows, columns = rows[lit][:PILOT], columns[lit][:PILOT]
     if not len(rows):
         return Pilot(2, 0.0, 0.0)
     groups = _groups(blocks, rows, columns)
@@ -158,18 +165,6 @@ def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot
         if rms <= KEPT * tolerance or not blocks.defocus:
             break
     return found
-
-
-def _lit(blocks: Blocks) -> tuple[Whole, Whole]:
-    """Rows and columns of random lit pixels."""
-    if not blocks.surfaces:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    columns, rows = (
-        np.random.default_rng(axis).integers(0, size, MORE * PILOT)
-        for axis, size in enumerate(blocks.scene.camera.sensor.resolution)
-    )
-    lit = light_at(blocks, rows, columns, partial(grid, 2)) > LIT
-    return rows[lit][:PILOT], columns[lit][:PILOT]
 
 
 def light_at(blocks: Blocks, rows: Whole, columns: Whole, points: Callable[[], Points]) -> Array:
