@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.render import LEAST_TOLERANCE, render
+from flflab.image.accuracy import LEAST_TOLERANCE
+from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Bars

@@ -13,7 +13,8 @@ from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
 from flflab.files.camera import read_camera
-from flflab.image.picture import EffectReport, Report
+from flflab.image.choose import Decision
+from flflab.image.picture import Report
 from flflab.image.scene import Plane
 from flflab.image.scene_file import PicturedScene, short_scene, wavelength_from
 from flflab.image.sensor.response import SensorResponse
@@ -56,7 +57,7 @@ def _bent(wavelength: str) -> float:
         raise InputError(f"--wavelength {error}") from error
 
 
-def keys_of(effect: EffectReport) -> dict[str, Any]:
+def keys_of(effect: Decision) -> dict[str, Any]:
     """An effect, for a program."""
     return {
         "name": effect.name,

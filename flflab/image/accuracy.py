@@ -15,9 +15,9 @@ FAST = 5.0  # what ``fast`` makes of the tolerance
 # Largest distance by which one map for a micro-image may miss rays, over an edge's width, in units
 # of the tolerance: over all rays and all pixels the mean is a sixth of it.
 MISFIT = 3.0
-FINE = 0.25  # cycles over a blur's width: bars from there on are nowhere an edge by itself
-OFF_BY_MOTION = 0.03  # of contrast, times the square of motion over blur: counted as more blur
-MOVED = 1.0  # of an edge's width: motion up to it widens a target's edges, whatever its course
+# Two boxes w and s count as one of sqrt(w^2 + s^2): the contrast of a period P is then off by
+# sinc(w/P) sinc(s/P) (pi/P)^4 w^2 s^2/90, at most 0.03 (s/w)^2: motion s over a blur w.
+OFF_BY_MOTION = 0.03
 
 
 def check_tolerance(tolerance: float) -> None:

@@ -2,6 +2,7 @@
 
 import math
 import time
+import timeit
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -17,8 +18,7 @@ COARSEST = 0.3
 STEP = 3.0  # from one tolerance tried to the next
 PART = 4  # of either side of the sensor is tried
 FEWEST = 64  # pixels a side
-TRIES = 3  # of which the shortest counts
-BRIEF = 0.1  # s; what takes longer is tried once
+TRIES = 2  # of which the shortest counts
 MARGIN = 1.3  # what is predicted may be short by this
 
 
@@ -41,7 +41,7 @@ def affordable_tolerance(scene: Scene, budget: float, effects: str = "auto") -> 
     def tried(tolerance: float) -> float:
         choice = choose(middle, tolerance, effects)
         work = lambda: render_light(middle, choice.tolerance, choice.formed)  # noqa: E731
-        return _shortest(work, time.perf_counter) / part
+        return min(timeit.repeat(work, repeat=TRIES, number=1)) / part
 
     return finest_within(budget, tried, time.perf_counter)
 
@@ -96,15 +96,3 @@ def finest_within(budget: float, tried: Callable[[float], float], clock: Clock) 
 
 def _in_words(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
-
-
-def _shortest(work: Callable[[], object], clock: Clock) -> float:
-    """The shortest of some tries; of one where that is no matter of chance any more."""
-    shortest = math.inf
-    for _ in range(TRIES):
-        started = clock()
-        work()
-        shortest = min(shortest, clock() - started)
-        if shortest > BRIEF:
-            break
-    return shortest

@@ -27,15 +27,18 @@ from flflab.image.survey import survey
 
 LEVELS = ("auto", "fast", "reference")
 WORTH = 0.1  # of the time: what saves less is not left out
-PATH = ("distortion", "misalignment", "motion")  # effects for whose sake a scene may need rays
+# effects for whose sake a scene may need rays
+PATH = ("distortion", "misalignment", "motion", "spherical-aberration")
 LIGHT = ("defocus", "vignetting", "overlap", "pixel", "misalignment", "occlusion", *DESCRIBED)
 NOISE = tuple(one.name.replace("_", "-") for one in fields(SensorResponse))
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Whether an effect is in the picture, and what speaks for it; a size of None: the scene has no
-    such effect.
+    """Whether an effect is in the picture, its size in ``unit``, most that leaving it out can
+    change (of white), why, and the milliseconds that it costs.
+
+    A size of None: the scene has no such effect, or it has no size.
     """
 
     name: str
@@ -44,18 +47,17 @@ class Decision:
     unit: str
     bound: float
     why: str
-    cost: float
+    ms: float
 
 
 @dataclass(frozen=True)
 class Choice:
     """What a picture is formed of: every effect of the light, the tolerance left for forming it,
-    the error promised, and the sum of the bounds of what is left out.
+    and the sum of the bounds of what is left out.
     """
 
     decisions: tuple[Decision, ...]
     tolerance: float
-    promised: float
     left_out: float
     regime: Regime
 
@@ -76,16 +78,8 @@ def effects_of(scene: Scene) -> tuple[Effect, ...]:
     """
     turned = tuple((plane.askew, math.hypot(*plane.tilt)) for plane in scene.planes)
     described = (getattr(scene, name.replace("-", "_")) for name in DESCRIBED)
-    array, sensor = scene.camera.array, scene.camera.sensor
-    out_of_line = any(
-        (
-            *array.offset,
-            array.roll,
-            *array.tilt,
-            *sensor.offset,
-            *(part for plane in turned for part in plane),
-        )
-    )
+    in_line = without(scene, ALL - {"misalignment"}).camera == scene.camera
+    out_of_line = not in_line or any(map(any, turned))
     return (
         Defocus(),
         Vignetting(),
@@ -116,29 +110,28 @@ def choose(scene: Scene, tolerance: float, asked: str = "auto") -> Choice:
     present = {effect.name: effect for effect in effects_of(scene)}
     bounds = {name: effect.bound(regime) for name, effect in present.items()}
     if asked in LEVELS:
-        allowed = LEAST_TOLERANCE
-        left_out: set[str] = set()
+        allowed, left_out = LEAST_TOLERANCE, frozenset[str]()
         if asked != "reference":
             allowed = min(tolerance * (FAST if asked == "fast" else 1.0), 0.5)
-            costs = _costs(scene, present, regime, allowed)
-            shares = _shares(costs, allowed)
-            worth = WORTH * sum(costs.values())
-            possible = {name: bounds[name] for name in present.keys() & ALL if costs[name] > worth}
-            left_out = _left_out(possible, shares, LEFT_OUT * allowed)
+            left_out = _left_out(bounds, _costs(scene, present, regime, allowed), allowed)
         rest = for_forming(allowed, sum(bounds[name] for name in left_out))
         on = present.keys() - left_out
     else:
-        on, rest, allowed = present.keys() & named(asked), tolerance, math.inf
+        on, rest = present.keys() & named(asked), tolerance
         for name in sorted(present.keys() - ALL - on):
             raise InputError(
                 f"effects: '{name}' cannot be left out of this scene; add it to the list"
             )
-    decisions = [
-        _decide(name, present.get(name), name in on, bounds.get(name, 0.0), asked, regime)
-        for name in LIGHT
-    ]
+    decisions: list[Decision] = []
+    for name in LIGHT:
+        remark = ""
+        if name not in on:
+            remark = ": too little to matter" if asked in LEVELS else ": not requested"
+        elif asked not in ("auto", "fast") and bounds[name] < LEAST_TOLERANCE:
+            remark = ": too little to matter, but requested"
+        decisions.append(decided(name, present.get(name), regime, name in on, remark))
     lost = sum(bounds[name] for name in present.keys() - on) if asked in LEVELS else 0.0
-    return Choice(tuple(decisions), rest, allowed, lost, regime)
+    return Choice(tuple(decisions), rest, lost, regime)
 
 
 def named(asked: str) -> frozenset[str]:
@@ -174,33 +167,34 @@ def _costs(
     return costs
 
 
-def _shares(costs: dict[str, float], allowed: float) -> dict[str, float]:
-    """Each effect's share of the tolerance, which is its share of the time."""
-    total = max(sum(costs.values()), 1e-300)
-    return {name: allowed * cost / total for name, cost in costs.items()}
-
-
-def _left_out(bounds: dict[str, float], shares: dict[str, float], most: float) -> set[str]:
-    """The effects whose bounds are within their shares, the smallest first, as long as the bounds'
-    sum is no larger than ``most``.
+def _left_out(bounds: dict[str, float], costs: dict[str, float], allowed: float) -> frozenset[str]:
+    """The effects whose bounds are within their shares of the tolerance, which are their shares of
+    the time, the smallest first, as long as the bounds' sum is within ``LEFT_OUT``.
     """
     out: set[str] = set()
-    total = 0.0
-    for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
-        if bound <= shares[name] and total + bound <= most:
-            total += bound
+    total, lost = max(sum(costs.values()), 1e-300), 0.0
+    for name in sorted(costs.keys() & ALL, key=lambda name: bounds[name]):
+        share, bound = costs[name] / total, bounds[name]
+        if share > WORTH and bound <= share * allowed and lost + bound <= LEFT_OUT * allowed:
+            lost += bound
             out.add(name)
-    return out
+    return frozenset(out)
 
 
-def _decide(
-    name: str, effect: Effect | None, on: bool, bound: float, asked: str, regime: Regime
+def decided(
+    name: str, effect: Effect | None, regime: Regime, on: bool, remark: str, of: str = "scene"
 ) -> Decision:
+    """What an effect says of itself, and a remark; None where the scene, or what it is of, has
+    none.
+    """
     if effect is None:
-        return Decision(name, False, None, "", 0.0, "the scene has none", 0.0)
-    why = effect.why(regime)
-    if not on:
-        why += ": too little to matter" if asked in LEVELS else ": not requested"
-    elif asked not in ("auto", "fast") and bound < LEAST_TOLERANCE:
-        why += ": too little to matter, but requested"
-    return Decision(name, on, effect.size(regime), effect.unit, bound, why, effect.cost(regime))
+        return Decision(name, False, None, "", 0.0, f"the {of} has none", 0.0)
+    return Decision(
+        name,
+        on,
+        effect.size(regime),
+        effect.unit,
+        effect.bound(regime),
+        effect.why(regime) + remark,
+        effect.cost(regime),
+    )

@@ -1,8 +1,8 @@
 """Pictures without fine detail: formed at every so many pixels, and read between them.
 
 Behind a wide blur and a wide vignetting edge the light changes over tens of pixels. It is formed at
-points of a coarser lattice, each behind a pixel of the sensor's own size, and interpolated by
-cubics (Keys, 1981).
+points of a coarser lattice, each behind a pixel of the sensor's own size, and interpolated by cubic
+splines.
 """
 
 import math
@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
+from scipy.interpolate import make_interp_spline
 
 from flflab.image.fast.form import Upright, add_upright, blur_of
-from flflab.image.microlenses import set_windows
+from flflab.image.microlenses import outside, set_windows
 from flflab.image.scene import Scene
 from flflab.optics.camera import Sensor
 from flflab.targets import Bars, FourDot, White
@@ -37,6 +37,9 @@ def step_of(made: Upright, pixel: float, tolerance: float) -> int:
         tolerance: root mean square of the error over lit pixels, of white.
     """
     widths = [2 * np.abs(made.lenses["slope"]) / pixel]
+    plateau = outside(made.lenses) - widths[0] * pixel  # whole of the pupil is seen within it
+    if isinstance(made.target, White) and float(plateau.min(initial=math.inf)) < 2 * pixel:
+        return 1  # a cone has a tip
     periods = math.inf
     with np.errstate(divide="ignore"):
         per_mm = 1 / (np.abs(made.lines["sensor"]) * pixel)
@@ -63,27 +66,8 @@ def add_coarsely(image: Array, scene: Scene, made: Upright, step: int) -> None:
     light = np.zeros((rows, columns))
     looked_at = replace(scene, camera=replace(scene.camera, sensor=coarser))
     add_upright(light, looked_at, replace(made, lenses=lenses))
-    down, across = (
-        _between(count, points, step)
-        for count, points in zip(image.shape, light.shape, strict=True)
-    )
-    image += np.maximum(down @ (light @ across.T), 0.0)
-
-
-def _between(count: int, points: int, step: int) -> csr_array:
-    """Weights of the points, which lie ``step`` pixels apart about the same middle, in pixels."""
-    place = (np.arange(count) - (count - 1) / 2) / step + (points - 1) / 2
-    first = np.floor(place).astype(np.int64)
-    x = place - first
-    weights = np.stack(
-        [
-            ((-0.5 * x + 1.0) * x - 0.5) * x,
-            (1.5 * x - 2.5) * x * x + 1.0,
-            ((-1.5 * x + 2.0) * x + 0.5) * x,
-            (0.5 * x - 0.5) * x * x,
-        ],
-        axis=1,
-    )
-    of_pixel = np.repeat(np.arange(count), 4)
-    of_point = (first[:, None] + np.arange(-1, 3)).ravel()
-    return csr_array((weights.ravel(), (of_pixel, of_point)), shape=(count, points))
+    for axis, count in enumerate(image.shape):
+        points = np.arange(light.shape[axis]) - (light.shape[axis] - 1) / 2
+        between = make_interp_spline(points * step + (count - 1) / 2, light, axis=axis)
+        light = between(np.arange(count))
+    image += np.maximum(light, 0.0)

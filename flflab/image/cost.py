@@ -16,7 +16,7 @@ from flflab.image.microlenses import Lenses, outside
 from flflab.image.path import prepare
 from flflab.image.scene import Scene, without
 from flflab.image.waves import ANGLES, RADII, kinds_of
-from flflab.targets import FourDot, White
+from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 
@@ -53,9 +53,9 @@ def predicted_seconds(scene: Scene, tolerance: float, effects: frozenset[str]) -
     columns, rows = scene.camera.sensor.resolution
     lit = lit_pixels(lenses, pixel)
     spent = LENS * len(lenses) + PIXEL * columns * rows
-    if ready.made is None:
+    if ready.made is None:  # rays
         spent += (PIXEL + RAY * RAYS * len(scene.planes)) * float(lit.sum())
-    elif pictured.diffraction is not None and not isinstance(ready.made.target, White):
+    elif pictured.diffraction is not None and ready.path == "waves":
         kinds = len(kinds_of(ready.made, pictured.diffraction.wavelength))
         spent += (PIXEL + BENT) * float(lit.sum()) + kinds * RADII * ANGLES * TRANSFER
     else:
@@ -79,7 +79,10 @@ def _closed_forms(made: Upright, lit: Array, pixel: float) -> float:
     strips = np.array([how.strips for how in made.how], dtype=np.float64)
     parts = np.array([how.parts for how in made.how], dtype=np.float64) ** 2
     if isinstance(made.target, FourDot):
-        return DOT_PART * float((parts * np.minimum(lit, _dots(made, pixel))).sum())
+        seen = made.target.diameter / 2 + np.abs(made.lines["pupil"])
+        with np.errstate(divide="ignore"):
+            dot = math.pi * (seen / np.abs(made.lines["sensor"]) / pixel) ** 2
+        return DOT_PART * float((parts * np.minimum(lit, 4 * dot)).sum())
     wide = np.abs(lenses["slope"])
     inner = np.maximum(lenses["reach"] - wide, 0.0)
     edge = np.where(2 * wide < made.tabulated * pixel, 1 - (inner / outside(lenses)) ** 2, 0.0)
@@ -88,14 +91,3 @@ def _closed_forms(made: Upright, lit: Array, pixel: float) -> float:
         + (COLUMN_STRIP if made.by_columns or made.by_rows else STRIP) * strips
     )
     return float((spent * lit).sum())
-
-
-def _dots(made: Upright, pixel: float) -> Array:
-    """Pixels of each micro-image that see one of the dots."""
-    if not isinstance(made.target, FourDot):
-        return np.zeros(len(made.lenses))
-    seen = made.target.diameter / 2 + np.abs(made.lines["pupil"])
-    with np.errstate(divide="ignore"):
-        return (
-            len(made.target.centres) * math.pi * (seen / np.abs(made.lines["sensor"]) / pixel) ** 2
-        )

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import root_scalar
 
 from flflab.errors import InputError
 from flflab.image.effects.distortion import Distortion
+from flflab.image.landing import own_axes
 from flflab.image.microlenses import axis_microlens, scattered
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor, microlens_indices
@@ -17,16 +19,15 @@ from flflab.optics.neighbours import neighbours_of
 from flflab.optics.smms import Smms, camera_smms
 from flflab.optics.useful import SensorFields, fields_of, select
 from flflab.optics.views import chief_crossings, seen_by
-from flflab.targets import FourDot, Picture, Target
+from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 
-UNITS = {
-    "diameter": "diameter_mm",
-    "spacing": "spacing_mm",
-    "width": "width_mm",
-    "height": "height_mm",
-}
+MM = (
+    *("aperture", "diameter", "distance", "focal_length", "focal_lengths", "height", "offset"),
+    *("pitch", "pixel", "size", "spacing", "width"),
+)
+UNITS = {**dict.fromkeys(MM, "mm"), "resolution": "px", "angle": "deg", "roll": "deg"}
 
 
 def ground_truth(scene: Scene) -> dict[str, Any]:
@@ -87,36 +88,33 @@ def sharp_distance(camera: Camera) -> float:
 
 
 def _camera(camera: Camera, reasons: dict[str, str]) -> dict[str, Any]:
-    array, sensor = camera.array, camera.sensor
     smms = camera_smms(camera)
     sharp = float(sharp_vergence(smms)[axis_microlens(smms)])
     if sharp == 0:
         reasons["camera.sharp_distance_mm"] = "the camera is focused at infinity"
     elif not 0 < sharp < math.inf:
         reasons["camera.sharp_distance_mm"] = "no real target distance is in focus on the sensor"
+    array = ("layout", "count", "pitch", "aperture", "focal_lengths", "distance", "offset", "roll")
     return {
-        "focal_length_mm": camera.main_lens.focal_length,
-        "f_number": camera.main_lens.f_number,
-        "aperture_shape": camera.aperture_shape,
-        "array": {
-            "layout": array.layout,
-            "count": list(array.count),
-            "pitch_mm": list(array.pitch),
-            "aperture_mm": array.aperture,
-            "focal_lengths_mm": list(array.focal_lengths),
-            "distance_mm": array.distance,
-            "offset_mm": list(array.offset),
-            "roll_deg": math.degrees(array.roll),
-            "tilt": list(array.tilt),
-        },
-        "sensor": {
-            "resolution_px": list(sensor.resolution),
-            "pixel_mm": sensor.pixel,
-            "distance_mm": sensor.distance,
-            "offset_mm": list(sensor.offset),
-        },
+        **_told(camera.main_lens, "focal_length", "f_number"),
+        **_told(camera, "aperture_shape"),
+        "array": _told(camera.array, *array, "tilt"),
+        "sensor": _told(camera.sensor, "resolution", "pixel", "distance", "offset"),
         "sharp_distance_mm": 1 / sharp if 0 < sharp < math.inf else None,
     }
+
+
+def _told(part: object, *names: str) -> dict[str, Any]:
+    """Fields of a part, by name and unit; null where infinite."""
+    found: dict[str, Any] = {}
+    for name in names:
+        value, unit = getattr(part, name), UNITS.get(name)
+        if isinstance(value, tuple):
+            value = list(value)
+        elif unit == "deg":
+            value = math.degrees(value)
+        found[name if unit is None else f"{name}_{unit}"] = None if value == math.inf else value
+    return found
 
 
 def _pixels(sensor: Sensor, position: Array) -> Array:
@@ -179,29 +177,13 @@ def _plane(scene: Scene, index: int, smms: Smms, reasons: dict[str, str]) -> dic
         reasons[f"{key}.size_mm"] = "it is boundless"
     if why is not None:
         reasons[f"{key}.dots"] = why
+    parts = (one.name for one in fields(plane.target) if one.name != "values")
     return {
-        "target": _target(plane.target),
-        "distance_mm": None if infinite else plane.distance,
-        "offset_mm": list(plane.offset),
-        "roll_deg": math.degrees(plane.roll),
-        "tilt": list(plane.tilt),
-        "size_mm": None if plane.size is None else list(plane.size),
+        "target": {"kind": plane.target.kind, **_told(plane.target, *parts)},
+        **_told(plane, "distance", "offset", "roll", "tilt", "size"),
         "magnification": scale if math.isfinite(scale) else None,
         "dots": dots,
     }
-
-
-def _target(target: Target) -> dict[str, Any]:
-    told: dict[str, Any] = {"kind": target.kind}
-    for field in fields(target):
-        value = getattr(target, field.name)
-        if field.name == "angle":
-            told["angle_deg"] = math.degrees(value)
-        elif not (isinstance(target, Picture) and field.name == "values"):
-            told[UNITS.get(field.name, field.name)] = (
-                list(value) if isinstance(value, tuple) else value
-            )
-    return told
 
 
 def _dot(
@@ -211,16 +193,16 @@ def _dot(
     position = dot_position(plane, place)
     vergence = 1 / position[2]
     angle = paraxial_angle(position[:2] * vergence, scene.distortion)
-    members = _within_reach(useful.smms, vergence, angle)
+    members = np.arange(len(useful.smms.focal))
     total, bright, chief = seen_by(
         useful, members, vergence, np.broadcast_to(angle, (len(members), 2))
     )
-    lenses = select(useful.smms, members)
+    indices, seen = microlens_indices(camera.array), np.flatnonzero(total)
+    lenses = select(useful.smms, seen)
     centre = np.stack([lenses.centre_x, lenses.centre_y], axis=1)
     landing = _pixels(
         camera.sensor, chief_crossings(lenses, vergence, angle, centre, camera.aperture_shape)[2]
     )
-    indices = microlens_indices(camera.array)[members]
     return {
         "dot": dot,
         "position_mm": position.tolist(),
@@ -234,38 +216,22 @@ def _dot(
                 "microlens": indices[i].tolist(),
                 "bright": bool(bright[i]),
                 "chief": bool(chief[i]),
-                "place_px": landing[i].tolist(),
+                "place_px": place.tolist(),
             }
-            for i in np.flatnonzero(total)
+            for i, place in zip(seen, landing, strict=True)
         ],
     }
-
-
-def _within_reach(smms: Smms, vergence: float, angle: Array) -> npt.NDArray[np.int64]:
-    """Microlenses on which light of the point with o V = ``angle`` falls, or may fall; square
-    apertures reach to their corners.
-    """
-    shift = np.stack([smms.centre_x, smms.centre_y], axis=1) + angle * smms.distance[:, None]
-    x = smms.distance * (vergence - 1 / smms.lens_focal) + 1
-    return np.flatnonzero(
-        np.hypot(*shift.T) <= (smms.lens_aperture * np.abs(x) + smms.aperture) / math.sqrt(2)
-    )
 
 
 def dot_position(plane: Plane, place: Array) -> Array:
     """Where a place (x, y) mm in a target's own axes stands in the world: x, y, and the distance
     before the main lens; mm, shape (3,).
 
-    The roll turns it, and along the slope of the tilt its lengths shrink by 1 / sqrt(1 + tilt^2) as
-    seen along the axis.
+    ``own_axes`` leads from places seen along the axis to the target's own.
     """
-    cos, sin = math.cos(plane.roll), math.sin(plane.roll)
-    turned, tilt = np.array([[cos, -sin], [sin, cos]]) @ place, np.asarray(plane.tilt)
-    steepness = math.hypot(*plane.tilt)
-    if steepness > 0:
-        downhill = tilt / steepness
-        turned = turned + (1 / math.hypot(1.0, steepness) - 1) * (downhill @ turned) * downhill
-    return np.array([*(turned + np.asarray(plane.offset)), plane.distance + float(tilt @ turned)])
+    seen = np.linalg.solve(own_axes(plane), place)
+    away = plane.distance + float(np.dot(plane.tilt, seen))
+    return np.array([*(seen + np.asarray(plane.offset)), away])
 
 
 def paraxial_angle(angle: Array, distortion: Distortion | None) -> Array:
@@ -275,10 +241,11 @@ def paraxial_angle(angle: Array, distortion: Distortion | None) -> Array:
     seen = float(np.hypot(*angle))
     if distortion is None or seen == 0:
         return angle
-    found = seen
-    # Newton's steps double the digits; far fewer settle it wherever the picture does not fold over
-    for _ in range(50):
-        found -= (found * (1 + distortion.coefficient * found**2) - seen) / (
-            1 + 3 * distortion.coefficient * found**2
-        )
+    coefficient = distortion.coefficient
+    found = root_scalar(
+        lambda away: away * (1 + coefficient * away**2) - seen,
+        fprime=lambda away: 1 + 3 * coefficient * away**2,
+        x0=seen,
+        method="newton",
+    ).root
     return angle * (found / seen)

@@ -11,7 +11,7 @@ turns its axes. At infinity the coordinates are angles, h(a).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,11 +23,12 @@ from flflab.image.scene import Plane
 
 Array = npt.NDArray[np.float64]
 
+OF_PUPIL, ON_SENSOR = 1e-2, 1e-3  # steps of differences: of the pupil's radius, mm
+
 
 @dataclass(frozen=True)
 class Landing:
-    """Where rays end round a sensor point of each of N microlenses: at origin + by_pupil t +
-    by_sensor e in the target's own axes.
+    """Where rays of N microlenses end in the target's own axes: origin + by_pupil t + by_sensor e.
 
     Attributes:
         origin: mm on the target (rad where it is at infinity), shape (N, 2).
@@ -41,26 +42,6 @@ class Landing:
     by_pupil: Array
     by_sensor: Array
     by_motion: Array
-
-    def at(self, pupil: Array, sensor: Array) -> Array:
-        """Ends of the rays of pupil and sensor points, each of shape (N, S, 2)."""
-        return (
-            self.origin[:, None]
-            + pupil @ self.by_pupil.swapaxes(1, 2)
-            + sensor @ self.by_sensor.swapaxes(1, 2)
-        )
-
-    def error(self, places: Array, truth: Array, pixel: float) -> Array:
-        """Largest change of a sharp edge's picture, of white, when rays end at places instead of
-        where they do; (N, S, 2) to (N,).
-
-        A step is no steeper on the sensor than the pixel and the blur let it be.
-        """
-        pixel_side = pixel * np.abs(self.by_sensor).max(axis=(1, 2))
-        blur_slope = math.pi / 2 * np.abs(self.by_pupil).max(axis=(1, 2))
-        return np.hypot(*np.moveaxis(places - truth, -1, 0)).max(axis=1) / np.maximum(
-            np.maximum(pixel_side, blur_slope), 1e-300
-        )
 
 
 def own_axes(plane: Plane) -> Array:
@@ -90,61 +71,13 @@ def land(
     Raises:
         InputError: the distortion folds the field over, or the tilted plane reaches the main lens.
     """
-    crossing, direction = _ray(lenses, pupil, sensor)
-    return _end(plane, distortion, crossing, direction)[0]
 
-
-def linearised(
-    lenses: Lenses, plane: Plane, distortion: Distortion | None, sensor: Array
-) -> Landing:
-    """The map round the pupil's centre and one sensor point of each microlens, shape (N, 2);
-    raises as ``land``.
-    """
-    crossing, direction = _ray(lenses, np.zeros((1, 1, 2)), sensor[:, None])
-    place, depth, slope, stretch = _end(plane, distortion, crossing, direction)
-    vergence, axes = 1 / plane.distance, own_axes(plane)
-    along, across = np.asarray(plane.tilt), slope[:, 0]
-
-    def derivative(of_crossing: Array, of_direction: Array) -> Array:
-        if vergence == 0:
-            return axes @ (of_direction[:, None, None] * stretch)
-        at_depth = ((1 - depth * vergence) * of_crossing)[:, None, None] * np.eye(2) + (
-            depth * of_direction
-        )[:, None, None] * stretch
-        lean = (along @ at_depth) / (1 + across @ along)[:, None]
-        return axes @ (at_depth - across[:, :, None] * lean[:, None, :])
-
-    by_sensor = derivative(lenses["lens_scale"], lenses["scale"])
-    nearer = (
-        across[:, :, None] * along / (1 + across @ along)[:, None, None]
-    )  # a tilted plane that moves aside moves along the rays too
-    return Landing(
-        origin=place[:, 0] - (by_sensor @ sensor[:, :, None])[:, :, 0],
-        by_pupil=derivative(lenses["lens_spread"], lenses["spread"]),
-        by_sensor=by_sensor,
-        by_motion=axes @ (nearer - np.eye(2)) if vergence else np.zeros_like(by_sensor),
-    )
-
-
-def _ray(lenses: Lenses, pupil: Array, sensor: Array) -> tuple[Array, Array]:
-    """Crossing of the main lens and paraxial direction, shape (N, S, 2)."""
-
-    def column(of_entry: Array) -> Array:
-        return of_entry[:, None, None]
+    def column(name: str) -> Array:
+        return lenses[name][:, None, None]
 
     aimed = np.stack([lenses["direction_x"], lenses["direction_y"]], axis=1)[:, None]
-    return (
-        column(lenses["lens_spread"]) * pupil + column(lenses["lens_scale"]) * sensor,
-        column(lenses["spread"]) * pupil + column(lenses["scale"]) * sensor + aimed,
-    )
-
-
-def _end(
-    plane: Plane, distortion: Distortion | None, crossing: Array, direction: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Ends of rays in own coordinates (N, S, 2); of the first ray of each microlens the depth (N,);
-    slopes (N, S, 2); dh/da (N, 2, 2).
-    """
+    crossing = column("lens_spread") * pupil + column("lens_scale") * sensor
+    direction = column("spread") * pupil + column("scale") * sensor + aimed
     coefficient = 0.0 if distortion is None else distortion.coefficient
     squared = np.sum(direction**2, axis=-1, keepdims=True)
     if float((1 + 3 * coefficient * squared).min(initial=1.0)) <= 0:
@@ -154,27 +87,45 @@ def _end(
             f" {steepest:.3g} rad that the sensor sees; above {-1 / (3 * steepest**2):.3g} 1/rad^2"
             " is allowed"
         )
-    headed = direction * (1 + coefficient * squared)
-    first = direction[:, 0]
-    stretch = (1 + coefficient * squared[:, 0])[:, :, None] * np.eye(2) + 2 * coefficient * first[
-        :, :, None
-    ] * first[:, None, :]
-    vergence, axes = 1 / plane.distance, own_axes(plane)
-    slope = vergence * crossing - headed
-    if vergence == 0:
-        return headed @ axes.T, np.full(len(first), math.inf), slope, stretch
+    headed, axes = direction * (1 + coefficient * squared), own_axes(plane)
+    if math.isinf(plane.distance):
+        return headed @ axes.T
     tilt, centre = np.asarray(plane.tilt), np.asarray(plane.offset)
     if not tilt.any():
-        return (
-            (plane.distance * headed - centre) @ axes.T,
-            np.full(len(first), plane.distance),
-            slope,
-            stretch,
-        )
+        return (plane.distance * headed - centre) @ axes.T
+    slope = crossing / plane.distance - headed
     depth = (plane.distance + (crossing - centre) @ tilt) / (1 + slope @ tilt)
     if float(depth.min(initial=math.inf)) <= 0 or float((1 + slope @ tilt).min(initial=1.0)) <= 0:
         raise InputError(
             f"render: the target at {plane.distance:g} mm with the tilt {plane.tilt} reaches the"
             " main lens within what the sensor sees; a smaller tilt or offset is due"
         )
-    return (crossing - depth[..., None] * slope - centre) @ axes.T, depth[:, 0], slope, stretch
+    return (crossing - depth[..., None] * slope - centre) @ axes.T
+
+
+def linearised(lenses: Lenses, plane: Plane, distortion: Distortion | None) -> Landing:
+    """The map round the pupil's centre and the middle of each micro-image, by differences of
+    ``land``; raises the same.
+    """
+    steps = np.concatenate([np.eye(2), -np.eye(2)])
+    still = np.zeros_like(steps)
+    pupil = np.concatenate([np.zeros((1, 2)), OF_PUPIL * steps, still])[None]
+    sensor = np.concatenate([np.zeros((1, 2)), still, ON_SENSOR * steps])[None]
+    places = land(lenses, plane, distortion, pupil, sensor)
+    origin = places[:, 0]
+
+    def derivative(first: int, step: float) -> Array:
+        ahead, behind = places[:, first : first + 2], places[:, first + 2 : first + 4]
+        return ((ahead - behind) / (2 * step)).swapaxes(1, 2)
+
+    moved = [
+        land(lenses, replace(plane, offset=(plane.offset[0] + x, plane.offset[1] + y)), distortion,
+             pupil[:, :1], sensor[:, :1])[:, 0]
+        for x, y in np.eye(2).tolist()
+    ]  # fmt: skip
+    return Landing(
+        origin=origin,
+        by_pupil=derivative(1, OF_PUPIL),
+        by_sensor=derivative(5, ON_SENSOR),
+        by_motion=np.stack(moved, axis=2) - origin[:, :, None],
+    )

@@ -82,17 +82,6 @@ def scattered(smms: Smms, scatter: Scatter) -> Smms:
     )
 
 
-def bent_aside(lenses: Lenses, smms: Smms, scatter: Scatter) -> None:
-    """What apertures that stand d aside of their lenses do, in place: a lens bends all rays that
-    it passes by -d / f more, so that its micro-image lands -b d / f aside.
-    """
-    decentre = scatter.aperture_decentre * draws_of(scatter, len(lenses))[:, 4:6]
-    bend = -decentre / smms.focal[:, None]
-    for axis, name in enumerate("xy"):
-        lenses[name] += smms.gap * bend[:, axis]
-        lenses[f"slant_{name}"] += bend[:, axis]
-
-
 def camera_lenses(
     camera: Camera, vergence: float, scatter: Scatter | None = None, overlap: bool = True
 ) -> Lenses:
@@ -132,8 +121,13 @@ def camera_lenses(
     found["slant_y"] = smms.centre_y / smms.distance
     found["level"] = (smms.limiting_radius / smms.gap) ** 2 / white_level
     if scatter is not None:
-        found["level"] *= 1 + scatter.brightness * draws_of(scatter, len(found))[:, 3]
-        bent_aside(found, smms, scatter)
+        draws = draws_of(scatter, len(found))
+        found["level"] *= 1 + scatter.brightness * draws[:, 3]
+        # A lens that stands aside of its aperture bends all rays that it passes alike.
+        bend = -scatter.aperture_decentre * draws[:, 4:6] / smms.focal[:, None]
+        for axis, name in enumerate("xy"):
+            found[name] += smms.gap * bend[:, axis]
+            found[f"slant_{name}"] += bend[:, axis]
     found["lens_spread"] = radius * np.where(by_microlens, smms.kappa / ratio, 1.0)
     found["lens_scale"] = np.where(by_microlens, -1 / ratio, 0.0)
     found["spread"] = radius * np.where(
@@ -157,11 +151,10 @@ def outside(lenses: Lenses) -> Array:
     return np.asarray(lenses["reach"] + np.abs(lenses["slope"]), dtype=np.float64)
 
 
-def lit(lenses: Lenses) -> Lenses:
-    """The microlenses whose light meets the sensor."""
-    return lenses[
-        (lenses["first_column"] < lenses["end_column"]) & (lenses["first_row"] < lenses["end_row"])
-    ]
+def is_lit(lenses: Lenses) -> npt.NDArray[np.bool_]:
+    """Which microlenses' light meets the sensor."""
+    columns = lenses["first_column"] < lenses["end_column"]
+    return columns & (lenses["first_row"] < lenses["end_row"])
 
 
 def set_windows(lenses: Lenses, sensor: Sensor, overlap: bool) -> None:

@@ -9,16 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.accuracy import FINE, MISFIT, MOVED, OFF_BY_MOTION
+from flflab.image.accuracy import MISFIT, OFF_BY_MOTION, TOLERANCE
 from flflab.image.coarse import add_coarsely, step_of
 from flflab.image.fast.form import Upright, add_upright, upright
 from flflab.image.general.form import Pilot, add_rays, blocks_of, pilot
 from flflab.image.general.maps import misfit
 from flflab.image.landing import linearised
-from flflab.image.microlenses import Lenses, camera_lenses
+from flflab.image.microlenses import Lenses, camera_lenses, is_lit
 from flflab.image.scene import ALL, Plane, Scene
 from flflab.image.waves import add_with_waves
-from flflab.targets import Bars, Black, Edge, FourDot, Picture, White
+from flflab.targets import Bars, Black, FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
 
@@ -56,29 +56,25 @@ def form(scene: Scene, tolerance: float, effects: frozenset[str]) -> Light:
     image = np.zeros((rows, columns))
     ready = prepare(scene, tolerance, effects)
     pixel = scene.camera.sensor.pixel if "pixel" in effects else 0.0
-    if not ready.lenses:
-        return Light(image, "closed forms", ready.why)
-    made = ready.made
-    if scene.diffraction is not None and not all(
-        isinstance(plane.target, White) and plane.size is None for plane in scene.planes
-    ):
-        if made is None:
-            raise InputError(
-                f"render: light of one wavelength is formed for one upright target, and"
-                f" {ready.why}; leave the wavelength out"
-            )
-        return _with_waves(image, scene, made, pixel)
-    if made is not None:
+    found, made = None, ready.made
+    if ready.path == "rays" and scene.diffraction is not None:
+        raise InputError(
+            f"render: light of one wavelength is formed for one upright target, and {ready.why};"
+            " leave the wavelength out"
+        )
+    if ready.path == "rays":
+        blocks = blocks_of(scene, ready.lenses, defocus="defocus" in effects, pixel=pixel)
+        found = pilot(blocks, tolerance)
+        add_rays(image, blocks, found.side)
+    elif made is not None and ready.path == "waves" and scene.diffraction is not None:
+        _add_waves(image, scene, made, scene.diffraction.wavelength, pixel)
+    elif made is not None:
         step = step_of(made, scene.camera.sensor.pixel, tolerance) if "overlap" in effects else 1
         if step > 1:
             add_coarsely(image, scene, made, step)
         else:
             add_upright(image, scene, made)
-        return Light(image, "closed forms", ready.why)
-    blocks = blocks_of(scene, ready.lenses, defocus="defocus" in effects, pixel=pixel)
-    found = pilot(blocks, tolerance)
-    add_rays(image, blocks, found.side)
-    return Light(image, "rays", ready.why, found)
+    return Light(image, ready.path, ready.why, found)
 
 
 @dataclass(frozen=True)
@@ -86,39 +82,39 @@ class Ready:
     """A scene before it is formed.
 
     Attributes:
+        path: closed forms, rays or waves.
+        why: what decides that.
         lenses: the microlenses that light the sensor, for the distance of each target; none where
             the picture is dark.
-        made: its target for closed forms; None where rays are due.
-        why: what decides that.
+        made: its target for closed forms; None where rays are due or the picture is dark.
     """
 
-    lenses: tuple[Lenses, ...]
-    made: Upright | None
+    path: str
     why: str
+    lenses: tuple[Lenses, ...] = ()
+    made: Upright | None = None
 
 
 def prepare(scene: Scene, tolerance: float, effects: frozenset[str] = ALL) -> Ready:
     """What is known of a scene before a pixel of it is formed; raises as ``form``."""
     if all(_is_dark(plane, scene) for plane in scene.planes):
-        return Ready((), None, "nothing shines")
+        return Ready("closed forms", "nothing shines")
     lenses = _lenses(scene, "overlap" in effects, "vignetting" in effects)
     if not len(lenses[0]):
-        return Ready((), None, "no light meets the sensor")
+        return Ready("closed forms", "no light meets the sensor")
     pixel = scene.camera.sensor.pixel if "pixel" in effects else 0.0
     made, why = _upright(scene, lenses, tolerance, defocus="defocus" in effects, pixel=pixel)
-    return Ready(lenses, made, why)
+    if made is None or scene.diffraction is None:
+        return Ready("rays" if made is None else "closed forms", why, lenses, made)
+    if isinstance(made.target, White):
+        return Ready("closed forms", "white does not bend", lenses, made)
+    return Ready("waves", "light of one wavelength", lenses, made)
 
 
 def path_of(scene: Scene, tolerance: float, effects: frozenset[str] = ALL) -> tuple[str, str]:
     """By which path a scene is formed with these effects: closed forms, waves or rays; and why."""
     ready = prepare(scene, tolerance, effects)
-    if ready.made is None and ready.lenses:
-        return "rays", ready.why
-    if scene.diffraction is None or ready.made is None:
-        return "closed forms", ready.why
-    if isinstance(ready.made.target, White):
-        return "closed forms", "white does not bend"
-    return "waves", "light of one wavelength"
+    return ready.path, ready.why
 
 
 def _is_dark(plane: Plane, scene: Scene) -> bool:
@@ -133,10 +129,7 @@ def _lenses(scene: Scene, overlap: bool, vignetting: bool) -> tuple[Lenses, ...]
         camera_lenses(scene.camera, 1 / plane.distance, scene.scatter, overlap)
         for plane in scene.planes
     ]
-    windows = found[0]
-    seen = (windows["first_column"] < windows["end_column"]) & (
-        windows["first_row"] < windows["end_row"]
-    )
+    seen = is_lit(found[0])
     kept = tuple(lenses[seen] for lenses in found)
     if not vignetting:
         for lenses in kept:
@@ -151,7 +144,7 @@ def _upright(
     plane = scene.planes[0]
     if len(scene.planes) > 1 or plane.size is not None:
         return None, "a card hides what is behind it"
-    linearised(lenses[0], plane, scene.distortion, np.zeros((len(lenses[0]), 2)))  # or refuses
+    linearised(lenses[0], plane, scene.distortion)  # or refuses
     if isinstance(plane.target, White):
         flat = replace(plane, tilt=(0.0, 0.0), roll=0.0)
         even = replace(scene, planes=(flat,), distortion=None, motion=None)
@@ -159,64 +152,42 @@ def _upright(
         return made, "white is alike wherever rays end"
     if isinstance(plane.target, Picture):
         return None, "the target is a texture"
+    if scene.spherical_aberration is not None:
+        return None, "rays through a microlens's rim land aside"
     made = upright(scene, plane, lenses[0], tolerance, defocus=defocus, pixel=pixel)
     off = misfit(scene, plane, lenses[0], made.lines)
     if off > MISFIT * tolerance:
         return None, f"tilt and distortion move rays by {off:.2g} of an edge's width"
-    way = moved(scene, plane, made)
-    if way > _allowed(plane, blur_width(scene, made), tolerance) and not way * way <= tolerance:
+    way = moved(scene, made)
+    if (1.0 if isinstance(plane.target, FourDot) else OFF_BY_MOTION) * way**2 > tolerance:
         return None, f"the target moves by {way:.2g} of an edge's width"
     return made, "one upright target"
 
 
-def moved(scene: Scene, plane: Plane, made: Upright) -> float:
-    """How far a target moves during the exposure, over the width to which pixel and pupil blur
-    it.
+def moved(scene: Scene, made: Upright) -> float:
+    """How far a target moves during the exposure, over the least width to which pixel and pupil
+    blur a point of it.
     """
-    if scene.motion is None or math.isinf(plane.distance):
+    if scene.motion is None or math.isinf(scene.planes[0].distance):
         return 0.0
     way = math.hypot(*scene.motion.drift) + 2 * math.hypot(*scene.motion.vibration)
-    return way / blur_width(scene, made)
+    blur = np.hypot(made.lines["sensor"] * scene.camera.sensor.pixel, made.lines["pupil"])
+    return way / max(float(blur.min()), 1e-300)
 
 
-def blur_width(scene: Scene, made: Upright) -> float:
-    """The least width to which pixel and pupil blur a point of the target, mm on it."""
-    pixel = scene.camera.sensor.pixel
-    width = np.hypot(made.lines["sensor"] * pixel, made.lines["pupil"]).min()
-    return max(float(width), 1e-300)
-
-
-def _allowed(plane: Plane, width: float, tolerance: float) -> float:
-    """Motion, over the blur's width, that closed forms may count as more of the blur.
-
-    Two boxes w and s count as one of sqrt(w^2 + s^2): the contrast of a period P is then off by
-    sinc(w/P) sinc(s/P) (pi/P)^4 w^2 s^2/90, at most 0.03 (s/w)^2.
+def _add_waves(image: Array, scene: Scene, made: Upright, wavelength: float, pixel: float) -> None:
+    """Add the light of one wavelength. Fall-off dims it as it dims white, and moves light within a
+    blur as it does without waves.
     """
-    if isinstance(plane.target, FourDot):
-        return 0.0
-    fine = isinstance(plane.target, Bars) and max(plane.target.cycles_per_mm) * width > FINE
-    return min(MOVED, math.sqrt(tolerance / OFF_BY_MOTION)) if fine else MOVED
-
-
-def _with_waves(image: Array, scene: Scene, made: Upright, pixel: float) -> Light:
-    """The picture in light of one wavelength. Fall-off dims it as it dims white, and moves light
-    within a blur as it does without waves.
-    """
-    add_with_waves(image, scene, made, pixel)
+    add_with_waves(image, scene, made, wavelength, pixel)
     if scene.falloff is not None:
-        white = replace(
-            made, target=White(), by_columns=True, by_rows=False, lines=made.lines.copy()
-        )
-        for name in ("origin", "sensor", "pupil"):
-            white.lines[name] = 0.0
+        plane = Plane(White(), scene.planes[0].distance)
+        white = upright(scene, plane, made.lenses, TOLERANCE, defocus=True, pixel=pixel)
         bright, dimmed = _even_and_weighted(scene, white)
         kept = np.where(bright > 0, dimmed / np.where(bright > 0, bright, 1.0), 1.0)
         even, weighted = _even_and_weighted(scene, made)
         image *= kept
         image += weighted - kept * even
-    if isinstance(made.target, Edge | Bars | FourDot):
-        return Light(image, "waves", "light of one wavelength")
-    return Light(image, "closed forms", "white does not bend")
 
 
 def _even_and_weighted(scene: Scene, made: Upright) -> tuple[Array, Array]:

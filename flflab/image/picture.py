@@ -4,7 +4,7 @@ reference, and the time it took.
 
 import math
 import time
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +12,7 @@ import numpy.typing as npt
 from flflab.errors import InputError
 from flflab.image.accuracy import TOLERANCE
 from flflab.image.budget import affordable_tolerance
-from flflab.image.choose import LEVELS, NOISE, Choice, Decision, choose, named
-from flflab.image.effects.effect import Effect
+from flflab.image.choose import LEVELS, NOISE, Choice, Decision, choose, decided, named
 from flflab.image.path import Light
 from flflab.image.regime import Regime
 from flflab.image.render import render_light
@@ -27,29 +26,12 @@ BRIGHTEST = 0.7  # of saturation: the exposure rule of the bench
 
 
 @dataclass(frozen=True)
-class EffectReport:
-    """One effect: whether the picture holds it, its size in ``unit``, most that leaving it out can
-    change (of white), why, milliseconds.
-
-    A size of None: the scene has no such effect, or it has no size.
-    """
-
-    name: str
-    on: bool
-    size: float | None
-    unit: str
-    bound: float
-    why: str
-    ms: float
-
-
-@dataclass(frozen=True)
 class Report:
     """A picture, and what is in it.
 
     Attributes:
         image: in units of the white level, [row, column].
-        effects: every effect.
+        effects: every effect, with the time measured.
         error_estimate: root mean square of the error over lit pixels, noise aside, of white.
         percentile_99: of the error's size over lit pixels, measured where rays formed the picture;
             else None.
@@ -61,7 +43,7 @@ class Report:
     """
 
     image: Array
-    effects: tuple[EffectReport, ...]
+    effects: tuple[Decision, ...]
     error_estimate: float
     percentile_99: float | None
     path: str
@@ -145,15 +127,6 @@ def _noise(effects: str, seed: int | None) -> frozenset[str]:
     return noise
 
 
-def _present(response: SensorResponse) -> dict[str, Effect]:
-    """The effects that a sensor has."""
-    return {
-        part.name: part
-        for field in fields(response)
-        if (part := getattr(response, field.name)) is not None
-    }
-
-
 def _read(
     image: Array, electrons: float, sensor: SensorResponse, noise: frozenset[str], seed: int | None
 ) -> Array:
@@ -175,36 +148,31 @@ def _read(
 def _noise_decisions(
     response: SensorResponse, noise: frozenset[str], regime: Regime, seed: int | None
 ) -> tuple[Decision, ...]:
-    present = _present(response)
-    decisions: list[Decision] = []
-    for name in NOISE:
-        effect = present.get(name)
-        if effect is None:
-            decisions.append(Decision(name, False, None, "", 0.0, "the sensor has none", 0.0))
-            continue
-        why = effect.why(regime) + (
-            "" if name in noise else ": no seed was given" if seed is None else ": not requested"
+    remark = ": no seed was given" if seed is None else ": not requested"
+    return tuple(
+        decided(
+            name,
+            getattr(response, name.replace("-", "_")),
+            regime,
+            name in noise,
+            "" if name in noise else remark,
+            of="sensor",
         )
-        size, bound, cost = effect.size(regime), effect.bound(regime), effect.cost(regime)
-        decisions.append(Decision(name, name in noise, size, effect.unit, bound, why, cost))
-    return tuple(decisions)
+        for name in NOISE
+    )
 
 
-def _reported(decisions: tuple[Decision, ...], ms: float) -> tuple[EffectReport, ...]:
+def _reported(decisions: tuple[Decision, ...], ms: float) -> tuple[Decision, ...]:
     """The decisions with the time measured shared out by what effects cost; what is off is reported
     at the same rate.
     """
-    total = sum(decision.cost for decision in decisions if decision.on)
+    total = sum(decision.ms for decision in decisions if decision.on)
     rate = ms / total if total > 0 else 1.0
     return tuple(
-        EffectReport(
-            one.name,
-            one.on,
-            one.size if one.size is not None and math.isfinite(one.size) else None,
-            one.unit,
-            one.bound,
-            one.why,
-            rate * one.cost,
+        replace(
+            one,
+            size=one.size if one.size is not None and math.isfinite(one.size) else None,
+            ms=rate * one.ms,
         )
         for one in decisions
     )

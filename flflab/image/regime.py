@@ -83,7 +83,6 @@ class Regime:
         pixels: how many there are.
         lit: share of them that light can reach.
         microlenses: how many send light to the sensor.
-        kinds: how many kinds of rims they have.
         light: brightest light under white targets, of white, the light of neighbours included; an
             upper bound.
         brightest: the same under the scene's targets.
@@ -95,7 +94,6 @@ class Regime:
         crosstalk: most light that neighbours bring to a pixel, of white.
         airy: radius of the Airy disc on the sensor for light of 1 mm wavelength, pixels.
         slope: largest slope of a ray at the sensor.
-        at_once: whether motion is formed with the light instead of moment by moment.
         misaligned: what the camera's offsets, roll and tilt change.
         scattered: what the scatter of the microlenses changes.
         electrons: mean electrons in a pixel at the white level; 0 where no sensor was asked for.
@@ -106,7 +104,6 @@ class Regime:
     pixels: int
     lit: float
     microlenses: int
-    kinds: int
     light: float
     brightest: float
     reaching: int
@@ -117,7 +114,6 @@ class Regime:
     crosstalk: float
     airy: float
     slope: float
-    at_once: bool
     misaligned: Change
     scattered: Change
     electrons: float = 0.0
@@ -131,6 +127,12 @@ class Regime:
     def field(self) -> float:
         """Largest angle off the axis, rad."""
         return max(plane.field for plane in self.planes)
+
+    def of_white(self, electrons: float) -> float:
+        """So many electrons as a share of the white level; infinite where no sensor counts them."""
+        if electrons == 0:
+            return 0.0
+        return electrons / self.electrons if self.electrons > 0 else math.inf
 
     def changed(self, change: Change) -> float:
         """Most that a pixel changes by this, of white."""

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.accuracy import LEAST_TOLERANCE, TOLERANCE
+from flflab.image.accuracy import TOLERANCE, check_tolerance
 from flflab.image.effects.effect import Finishing, Formed
-from flflab.image.microlenses import Lenses, camera_lenses, lit
+from flflab.image.microlenses import Lenses, camera_lenses, is_lit
 from flflab.image.path import Light, form
 from flflab.image.scene import ALL, FINISHING, Plane, Scene, without
 from flflab.targets import White
@@ -47,11 +47,7 @@ def render_light(scene: Scene, tolerance: float, effects: frozenset[str]) -> Lig
             f"render: images are formed for round apertures only, not {shape}; set aperture_shape:"
             " round"
         )
-    if not LEAST_TOLERANCE <= tolerance < 1:
-        raise InputError(
-            f"render: the tolerance is {tolerance:g}; a share of white from {LEAST_TOLERANCE:g} to"
-            " below 1 is allowed"
-        )
+    check_tolerance(tolerance)
     light = form(pictured, tolerance, effects)
     finish(light.image, pictured, tolerance, effects)
     return light
@@ -67,7 +63,8 @@ def finish(image: Array, scene: Scene, tolerance: float, effects: frozenset[str]
         return render_light(bare, tolerance, effects).image
 
     def lenses() -> Lenses:
-        return lit(camera_lenses(scene.camera, 0.0, scene.scatter, "overlap" in effects))
+        found = camera_lenses(scene.camera, 0.0, scene.scatter, "overlap" in effects)
+        return found[is_lit(found)]
 
     for place, name in enumerate(FINISHING):
         effect: Finishing | None = getattr(scene, name.replace("-", "_"))

@@ -18,6 +18,7 @@ from flflab.image.effects.scatter import Scatter
 from flflab.image.effects.second_stop import SecondStop
 from flflab.image.effects.shading import Shading
 from flflab.image.effects.soft_rims import SoftRims
+from flflab.image.effects.spherical_aberration import SphericalAberration
 from flflab.image.effects.stray_light import StrayLight
 from flflab.optics.camera import Camera
 from flflab.targets import BarsAlongY, Target
@@ -67,15 +68,10 @@ class Plane:
         if isinstance(self.target, BarsAlongY):
             object.__setattr__(self, "target", self.target.unturned)
             object.__setattr__(self, "roll", self.roll + QUARTER)
-        if math.isnan(self.distance) or self.distance <= 0:
+        if not (0 < self.distance <= FARTHEST or self.distance == math.inf):
             raise InputError(
-                f"scene: the target's distance is {self.distance:g} mm; one above 0, in front of"
-                " the main lens, or infinity is due"
-            )
-        if FARTHEST < self.distance < math.inf:
-            raise InputError(
-                f"scene: the target's distance is {self.distance:g} mm; up to {FARTHEST:g} mm is"
-                " allowed, or infinity"
+                f"scene: the target's distance is {self.distance:g} mm; above 0, in front of the"
+                f" main lens, up to {FARTHEST:g} mm is allowed, or infinity"
             )
         if not all(math.isfinite(part) for part in (*self.offset, self.roll)):
             raise InputError(
@@ -111,6 +107,7 @@ class Scene:
         distortion: of the main lens.
         scatter: of the microlenses.
         motion: of the targets during the exposure.
+        spherical_aberration: of the microlenses.
         second_stop: a ring behind the main lens. It and those that follow change the finished
             picture, in this order.
         soft_rims: of the micro-images.
@@ -129,6 +126,7 @@ class Scene:
     distortion: Distortion | None = None
     scatter: Scatter | None = None
     motion: Motion | None = None
+    spherical_aberration: SphericalAberration | None = None
     second_stop: SecondStop | None = None
     soft_rims: SoftRims | None = None
     shading: Shading | None = None

@@ -4,36 +4,24 @@ line.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from types import NoneType
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, create_model
 
 from flflab.description import Angle, Description, Length, Ratio, Time, check
 from flflab.errors import InputError
 from flflab.files.camera import read_camera
 from flflab.files.target import target_from
-from flflab.image.effects.colour_filter import ColourFilter
-from flflab.image.effects.columns import Columns
 from flflab.image.effects.dark_current import DarkCurrent
-from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.diffraction import Diffraction
-from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
-from flflab.image.effects.fixed_pattern import FixedPattern
 from flflab.image.effects.gamma import Gamma
-from flflab.image.effects.halo import Halo
-from flflab.image.effects.hot_pixels import HotPixels
-from flflab.image.effects.motion import Motion
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
-from flflab.image.effects.scatter import Scatter
-from flflab.image.effects.second_stop import SecondStop
-from flflab.image.effects.shading import Shading
-from flflab.image.effects.soft_rims import SoftRims
-from flflab.image.effects.stray_light import StrayLight
 from flflab.image.scene import Plane, Scene
 from flflab.image.sensor.response import SensorResponse
 from flflab.optics.camera import Camera
@@ -84,21 +72,41 @@ def _wavelength(given: object) -> float | None:
 
 Distance = Annotated[float, Field(allow_inf_nan=True), BeforeValidator(_distance)]
 Made = TypeVar("Made")
-EFFECTS: dict[str, Callable[..., Any]] = {
-    "wavelength": Diffraction,
-    "distortion": Distortion,
-    "scatter": Scatter,
-    "motion": Motion,
-    "second_stop": SecondStop,
-    "soft_rims": SoftRims,
-    "shading": Shading,
-    "halo": Halo,
-    "stray_light": StrayLight,
-    "colour_filter": ColourFilter,
-    "columns": Columns,
-    "gamma": Gamma,
-}  # by the fields of a scene file
+UNITS: dict[str, Any] = {"mm": Length, "s": Time}  # what is read with a unit, and counted in one
 TargetData = str | dict[str, Any]
+
+
+def _parts(kind: type, *others: str) -> dict[str, Any]:
+    """The effects that a scene or a sensor may lack, by their fields, but for some."""
+    hints = {name: get_args(hint) for name, hint in get_type_hints(kind).items()}
+    return {
+        name: kinds[0] for name, kinds in hints.items() if NoneType in kinds and name not in others
+    }
+
+
+def _described(effect: Any) -> tuple[Any, Any]:
+    """A file's field for an effect that may be left out: its parameters, or the number where it has
+    only one.
+    """
+    given: Any = {}
+    for one in fields(effect):
+        unit, kind = one.metadata.get("unit", ""), one.type
+        if unit in UNITS:
+            kind = UNITS[unit] if kind is float else Pair
+        elif kind is float and (not unit or unit.startswith("of ")):
+            kind = Ratio
+        given[one.name] = kind, ... if one.default is MISSING else one.default
+    if len(given) == 1:
+        ((kind, _),) = given.values()
+    else:
+        kind = create_model(f"{effect.__name__}Description", __base__=Description, **given)
+    return kind | None, None
+
+
+def _with_parts(base: type[Description], parts: dict[str, Any], **others: Any) -> Any:
+    """A description that has a field more for each of these effects."""
+    described: Any = {name: _described(kind) for name, kind in parts.items()}
+    return create_model(base.__name__, __base__=base, **others, **described)
 
 
 class PlaneDescription(Description):
@@ -114,85 +122,9 @@ class PlaneDescription(Description):
     size: Pair | None = None
 
 
-class ScatterDescription(Description):
-    """Scatter of the microlenses: standard deviations of focal lengths (of themselves), places,
-    brightness, and of apertures against their lenses.
-    """
-
-    focal_length: Ratio = 0.0
-    position: Length = 0.0
-    seed: int = 0
-    brightness: Ratio = 0.0
-    aperture_decentre: Length = 0.0
-
-
-class ColourFilterDescription(Description):
-    """The mosaic of the sensor."""
-
-    pattern: str = ColourFilter.pattern
-    red: Ratio = ColourFilter.red
-    green: Ratio = ColourFilter.green
-    blue: Ratio = ColourFilter.blue
-
-
-class MotionDescription(Description):
-    """What the targets do while light is gathered: the whole drift, the amplitude of the
-    vibration.
-    """
-
-    drift: Pair = (0.0, 0.0)
-    vibration: Pair = (0.0, 0.0)
-
-
-class HaloDescription(Description):
-    """A share of all light in a Gaussian spot, whose standard deviation is ``radius``."""
-
-    share: Ratio
-    radius: Length
-
-
-class SecondStopDescription(Description):
-    """A ring: how far behind the main lens, and how wide."""
-
-    distance: Length
-    diameter: Length
-
-
-class ColumnsDescription(Description):
-    """Scatter of the gains of columns, and of blocks of columns that are read together."""
-
-    column: Ratio = 0.0
-    tap: Ratio = 0.0
-    taps: int = 2
-    seed: int = 0
-
-
-class FixedPatternDescription(Description):
-    """Scatter of the pixels' gains, and of their offsets in electrons."""
-
-    gain: Ratio = 0.0
-    offset: float = 0.0
-    seed: int = 0
-
-
-class DeadPixelsDescription(Description):
-    """Share of the pixels that are stuck."""
-
-    share: Ratio
-    seed: int = 0
-
-
-class HotPixelsDescription(Description):
-    """Share of the pixels that gather more electrons in the dark, and how many on average."""
-
-    share: Ratio
-    electrons: float
-    seed: int = 0
-
-
 class SensorDescription(Description):
-    """How light becomes numbers; electrons are plain numbers, ``white`` those at the white
-    level.
+    """How light becomes numbers; electrons are plain numbers, ``white`` those at the white level.
+    Its faults are fields of their own.
     """
 
     white: Annotated[float, Field(gt=0)] | None = None
@@ -203,9 +135,6 @@ class SensorDescription(Description):
     offset_dn: float = Quantisation.offset_dn
     dark_current: float = 0.0
     exposure: Time = 0.01
-    fixed_pattern: FixedPatternDescription | None = None
-    hot_pixels: HotPixelsDescription | None = None
-    dead_pixels: DeadPixelsDescription | None = None
 
     def response(self) -> SensorResponse:
         """The frozen sensor."""
@@ -213,17 +142,15 @@ class SensorDescription(Description):
         return SensorResponse(
             read_noise=ReadNoise(self.read_noise) if self.read_noise else None,
             dark_current=dark,
-            fixed_pattern=_made(FixedPattern, self.fixed_pattern),
-            hot_pixels=_made(HotPixels, self.hot_pixels),
-            dead_pixels=_made(DeadPixels, self.dead_pixels),
             saturation=None if self.full_well is None else Saturation(self.full_well),
             quantisation=Quantisation(self.bits, self.dn_per_electron, self.offset_dn),
+            **{name: _made(kind, getattr(self, name)) for name, kind in FAULTS.items()},
         )
 
 
 class SceneDescription(Description):
     """A scene file; without a ``wavelength`` light is rays and nothing bends, ``camera`` is a
-    camera file relative to this one.
+    camera file relative to this one. Other effects are fields of their own.
     """
 
     file_kind = "scene"
@@ -232,18 +159,12 @@ class SceneDescription(Description):
     planes: list[PlaneDescription]
     wavelength: Annotated[float | None, BeforeValidator(_wavelength)] = None
     falloff: bool = True
-    distortion: float = 0.0
-    scatter: ScatterDescription | None = None
-    motion: MotionDescription | None = None
-    second_stop: SecondStopDescription | None = None
-    soft_rims: Length = 0.0
-    shading: Ratio = 0.0
-    halo: HaloDescription | None = None
-    stray_light: Ratio = 0.0
-    colour_filter: ColourFilterDescription | None = None
-    columns: ColumnsDescription | None = None
-    gamma: float = 1.0
-    sensor: SensorDescription = SensorDescription()
+
+
+EFFECTS = _parts(Scene, "diffraction", "falloff")
+FAULTS = _parts(SensorResponse, "saturation", "shot_noise", "read_noise", "dark_current")
+SENSOR = _with_parts(SensorDescription, FAULTS)
+SCENE = _with_parts(SceneDescription, EFFECTS, sensor=(SENSOR, SENSOR()))
 
 
 @dataclass(frozen=True)
@@ -270,7 +191,7 @@ def read_scene(file: Path, camera: Path | None = None) -> PicturedScene:
     """
     file = Path(file)
     data, lines = read_yaml(file)
-    told = check(data, SceneDescription, str(file), lines)
+    told = check(data, SCENE, str(file), lines)
     if camera is None and told.camera is None:
         raise InputError(
             f"{file}:1: camera: this field is missing; name a camera file here or on the command"
@@ -278,16 +199,21 @@ def read_scene(file: Path, camera: Path | None = None) -> PicturedScene:
         )
     planes = tuple(_plane(plane, index, file, lines) for index, plane in enumerate(told.planes))
     optics = read_camera(camera if camera is not None else file.parent / (told.camera or ""))
-    effects = {
+    effects: dict[str, Any] = {
         field: _at(
             lambda kind=kind, field=field: _made(kind, getattr(told, field)), file, lines, (field,)
         )
         for field, kind in EFFECTS.items()
     }
     response = _at(told.sensor.response, file, lines, ("sensor",))
-    effects["diffraction"] = effects.pop("wavelength")
     falloff = Falloff() if told.falloff else None
-    scene = _at(lambda: Scene(optics, planes, falloff=falloff, **effects), file, lines, ("planes",))
+    bent = None if told.wavelength is None else Diffraction(told.wavelength)
+    scene = _at(
+        lambda: Scene(optics, planes, diffraction=bent, falloff=falloff, **effects),
+        file,
+        lines,
+        ("planes",),
+    )
     return PicturedScene(scene, response, told.sensor.white)
 
 

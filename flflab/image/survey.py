@@ -3,7 +3,7 @@ forming a picture.
 """
 
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from flflab.image.regime import Change, PlaneRegime, Regime
 from flflab.image.scene import ALL, Plane, Scene, without
 from flflab.optics.camera import Camera
 from flflab.optics.discs import two_disc_area
-from flflab.targets import Bars, Black, Chirp, Edge, Picture, White
+from flflab.targets import Bars, Black, Edge, Picture, White
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -40,14 +40,12 @@ def survey(scene: Scene) -> Regime:
     )
     planes = tuple(_plane(scene, plane, seen, light, reaching * level) for plane in scene.planes)
     columns, rows = camera.sensor.resolution
-    kinds = np.unique(np.stack([slope, lenses["reach"][seen]], axis=1), axis=0)
     return Regime(
         planes=planes,
         pixel=pixel,
         pixels=columns * rows,
         lit=min(1.0, math.pi * float((radius**2).sum()) / (columns * rows * pixel**2)),
         microlenses=int(seen.sum()),
-        kinds=max(1, len(kinds)),
         light=light,
         brightest=light * max(_brightest(plane) for plane in scene.planes),
         reaching=reaching,
@@ -60,9 +58,8 @@ def survey(scene: Scene) -> Regime:
         / max(float(np.abs(lenses["slant_spread"][seen]).min(initial=math.inf)), 1e-300)
         / pixel,
         slope=_steepest_ray(lenses, seen),
-        at_once=scene.diffraction is not None,
-        misaligned=_misaligned(scene, seen),
-        scattered=_scattered(scene, seen),
+        misaligned=_without(scene, "misalignment", seen),
+        scattered=_without(scene, "scatter", seen),
     )
 
 
@@ -130,10 +127,6 @@ def _plane(scene: Scene, plane: Plane, seen: Flags, light: float, reaching: floa
     steepness = np.fmin(by_pixel, by_blur).max(initial=0.0)
     finite = math.isfinite(plane.distance)
     from_centre = field + (math.hypot(*plane.offset) / plane.distance if finite else 0.0)
-    if isinstance(plane.target, Chirp) and finite and _fills(plane, plane.target, field):
-        steepness = min(
-            steepness, light * math.pi * max(plane.target.cycles_per_mm) * plane.distance
-        )
     if len(scene.planes) > 1:
         steepness = 3 * steepness  # a card that moves uncovers what is behind it, on two sides
     return PlaneRegime(
@@ -150,21 +143,11 @@ def _plane(scene: Scene, plane: Plane, seen: Flags, light: float, reaching: floa
     )
 
 
-def _fills(plane: Plane, target: Bars, field: float) -> bool:
-    """Whether no border of the target is in sight."""
-    room = min(target.width, target.height) / 2 - field * plane.distance - math.hypot(*plane.offset)
-    return room > 0.5 * target.width * math.hypot(*plane.tilt) and plane.size is None
-
-
 def _contrast(plane: Plane, planes: int) -> float:
     """Range of the radiance on a target, its surroundings included."""
     if isinstance(plane.target, White | Black) and plane.size is None and planes == 1:
         return 0.0
-    return (
-        float(plane.target.values.max())
-        if isinstance(plane.target, Picture) and planes == 1
-        else 1.0
-    )
+    return _brightest(plane) if planes == 1 else 1.0
 
 
 def _brightest(plane: Plane) -> float:
@@ -208,44 +191,22 @@ def _changed(old: Lenses, new: Lenses, seen: Flags, pixel: float) -> Change:
     )
 
 
-def _worst(changes: list[Change]) -> Change:
-    return Change(
-        *(
-            max(parts)
-            for parts in zip(
-                *((one.rim, one.shift, one.stretch, one.level) for one in changes), strict=True
-            )
-        )
-    )
-
-
-def _misaligned(scene: Scene, seen: Flags) -> Change:
-    ideal = without(scene, ALL - {"misalignment"}).camera
-    if ideal == scene.camera:
+def _without(scene: Scene, name: str, seen: Flags) -> Change:
+    """What becomes of rays and rims without the misalignment or the scatter."""
+    camera, ideal = scene.camera, without(scene, ALL - {name})
+    if (camera, scene.scatter) == (ideal.camera, ideal.scatter):
         return Change()
-    pixel = scene.camera.sensor.pixel
-    step = math.hypot(*scene.camera.sensor.offset)
+    step = math.dist(camera.sensor.offset, ideal.camera.sensor.offset)
     changes: list[Change] = []
     for plane in scene.planes:
-        old, new = (
-            camera_lenses(camera, 1 / plane.distance, scene.scatter)
-            for camera in (scene.camera, ideal)
-        )
-        change = _changed(old, new, seen | _reaching_the_sensor(ideal, new), pixel)
+        old = camera_lenses(camera, 1 / plane.distance, scene.scatter)
+        new = camera_lenses(ideal.camera, 1 / plane.distance, ideal.scatter)
+        moved = seen | _reaching_the_sensor(ideal.camera, new)
+        change = _changed(old, new, moved, camera.sensor.pixel)
         turned = step * float(np.abs(old["scale"]).max())  # the sensor's own offset moves all alike
-        changes.append(replace(change, rim=change.rim + step / pixel, shift=change.shift + turned))
-    return _worst(changes)
-
-
-def _scattered(scene: Scene, seen: Flags) -> Change:
-    if scene.scatter is None:
-        return Change()
-    camera, pixel = scene.camera, scene.camera.sensor.pixel
-    pairs = [
-        (
-            camera_lenses(camera, 1 / plane.distance, scene.scatter),
-            camera_lenses(camera, 1 / plane.distance),
+        changes.append(
+            replace(
+                change, rim=change.rim + step / camera.sensor.pixel, shift=change.shift + turned
+            )
         )
-        for plane in scene.planes
-    ]
-    return _worst([_changed(old, new, seen, pixel) for old, new in pairs])
+    return Change(*np.max([astuple(one) for one in changes], axis=0).tolist())

@@ -15,19 +15,19 @@ import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft2
+from scipy.ndimage import map_coordinates
 from scipy.special import j1
 
-from flflab.errors import InputError
 from flflab.image.bands import go_on, in_bands
 from flflab.image.fast.form import Upright, add_upright, share_tables
-from flflab.image.fast.lines import Lines, Sampling, seen_through
-from flflab.image.fast.profile import Profile, mean_over_two, profile_of, stripe
-from flflab.image.fast.share import look_up, share_in
+from flflab.image.fast.lines import Sampling, seen_through
+from flflab.image.fast.profile import EVEN, Profile, mean_over_two, profile_of
+from flflab.image.fast.share import look_up, share_over
 from flflab.image.microlenses import Record
 from flflab.image.scene import Scene
 from flflab.optics.camera import pixel_positions
 from flflab.optics.diffraction import pupil_transfer
-from flflab.targets import Bars, Edge, FourDot, White
+from flflab.targets import Bars, Edge, FourDot
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -38,8 +38,9 @@ STEPS = 16  # a pixel, along the target
 TAIL = 48.0  # pixels; further from a target's end light is as dark, or as bright, as beyond
 BLURRED = 120.0  # pixels; a wider blur leaves nothing fine that light could bend
 DOT_STEPS = 4  # a pixel, of a dot's image
+DOT_PLACES = 8  # a pixel, from a dot's centre
 DOT_TAIL = 60.0  # pixels round a dot and its blur: its light falls as 1/r^3 and repeats itself
-DOT_RADII = 32  # of a table of dots, whose tables are few
+DOT_RADII, DOT_ANGLES = 32, 25  # of a table of dots, whose tables are few
 DOT_BLURRED = 24.0  # pixels; a dot of a wider blur is one of rays
 ENDS = 12  # strips across the pupil where it sees an end of the target
 FREQUENCIES = 96  # at which a transfer function is worked out, at least
@@ -88,32 +89,20 @@ class Kind:
         )
 
 
-def add_with_waves(image: Array, scene: Scene, made: Upright, pixel: float) -> None:
-    """Add the light of a prepared target in light of the scene's wavelength, without fall-off.
-
-    Raises:
-        InputError: the target is none of bars, chirp, edge, dots and white.
-    """
-    if isinstance(made.target, White):
-        add_upright(image, scene, made)
-        return
-    if not isinstance(made.target, Bars | Edge | FourDot) or scene.diffraction is None:
-        raise InputError(
-            f"render: a {made.target.kind} in light of one wavelength cannot be formed; bars,"
-            " chirp, edge, four-dot and white can, or leave the wavelength out"
-        )
+def add_with_waves(
+    image: Array, scene: Scene, made: Upright, wavelength: float, pixel: float
+) -> None:
+    """Add the light of a prepared target in light of one wavelength (mm), without fall-off."""
     side = scene.camera.sensor.pixel
     tables = share_tables(made.lenses, side, made)
     rays: list[int] = []
-    for kind in kinds_of(made, scene.diffraction.wavelength):
+    for kind in kinds_of(made, wavelength):
         go_on()
         blurred = DOT_BLURRED if isinstance(made.target, FourDot) else BLURRED
         if 2 * abs(kind.blur) > blurred * side or kind.sensor == 0.0:
             rays += kind.indices.tolist()
-        elif isinstance(made.target, FourDot):
-            _add_dots(image, scene, made, kind, tables)
         else:
-            _add_lines(image, scene, made, kind, tables, pixel)
+            _add_kind(image, scene, made, kind, tables, pixel)
     if rays:
         chosen = np.array(sorted(rays))
         part = replace(
@@ -154,40 +143,33 @@ def kinds_of(made: Upright, wavelength: float) -> list[Kind]:
     return found
 
 
-def sideways(lines: Lines) -> Lines:
-    """The maps across the target's direction, as if they lay along it."""
-    turned = np.zeros_like(lines)
-    turned["origin"], turned["sensor"] = lines["across"], lines["across_sensor"]
-    turned["pupil"], turned["cos"], turned["sin"] = (
-        lines["across_pupil"],
-        -lines["sin"],
-        lines["cos"],
-    )
-    return turned
-
-
-def _add_lines(
+def _add_kind(
     image: Array, scene: Scene, made: Upright, kind: Kind, tables: list[Array], pixel: float
 ) -> None:
-    """Add the light of a target that varies along one direction."""
-    if not isinstance(made.target, Bars | Edge):
+    """Add the light of microlenses of one kind, read from a table of images."""
+    side, target, first = scene.camera.sensor.pixel, made.target, int(kind.indices[0])
+    centres, seeing = np.zeros((0, 2)), kind.indices.tolist()
+    if isinstance(target, FourDot):
+        radius, centres = target.diameter / 2 / abs(kind.sensor), target.centres
+        reach = radius + abs(kind.blur) + DOT_TAIL * side
+        seeing = [index for index in seeing if _sees(made, index, centres, reach)]
+        if not seeing:
+            return
+        places, light = dot_table(kind, radius, side)
+    elif isinstance(target, Bars | Edge):
+        places, light = line_table(kind, profile_of(target), made, first, side, pixel)
+    else:
         return
-    profile = profile_of(made.target)
-    side, first = scene.camera.sensor.pixel, int(kind.indices[0])
-    places, light = line_table(kind, profile, made, first, side, pixel)
-    xs_ys = pixel_positions(scene.camera.sensor)
-    radii = kind.radii(RADII)
+    xs_ys, radii = pixel_positions(scene.camera.sensor), kind.radii(len(light))
     steps = (places[0], 1 / (places[1] - places[0]), radii[0], 1 / max(radii[1] - radii[0], 1e-300))
 
-    upward, how = sideways(made.lines), made.how[first]._replace(strips=ENDS, weighted=False)
-    height = stripe(how.half_height if math.isfinite(how.half_height) else 1.0)
-    how = how._replace(pixel=side)
+    how = made.how[first]._replace(strips=ENDS, weighted=False, pixel=side)
 
     def form(top: int, bottom: int) -> Iterator[None]:
-        for index in kind.indices:
-            _read_lines(
-                image, made.lenses[index], made.lines[index], upward[index], light, steps,
-                kind.sensor, tables[index], xs_ys, (top, bottom), height, how,
+        for index in seeing:
+            _read(
+                image, made.lenses[index], made.lines[index], centres, light, steps,
+                abs(kind.sensor), tables[index], xs_ys, (top, bottom), how,
             )  # fmt: skip
             yield
 
@@ -211,10 +193,9 @@ def line_table(
     step = side / STEPS
     count = 1 << math.ceil(math.log2((high - low) / step * (4 if boundless else 1) + 1))
     places = low + step * np.arange(count)
-    box, other = (pixel * scale * max(part) for part in ((abs(line["cos"]), abs(line["sin"])),) * 2)
-    other = pixel * scale * min(abs(line["cos"]), abs(line["sin"]))
-    smear = made.how[first].smear
-    values = _sampled(profile, places * scale, math.hypot(box, smear), other)
+    sides = sorted(pixel * scale * abs(line[name]) for name in ("cos", "sin"))
+    wide = math.hypot(sides[1], made.how[first].smear)
+    values = _sampled(profile, places * scale, wide, sides[0])
     if boundless:  # a second edge far away closes the circle
         values[count // 2 :] = 1 - values[: count - count // 2]
     spectrum = np.fft.rfft(values)
@@ -248,117 +229,6 @@ def _sampled(profile: Profile, places: Array, box: float, other: float) -> Array
     return values
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _read_lines(
-    image: Array,
-    lens: Record,
-    line: Record,
-    upward: Record,
-    light: Array,
-    steps: tuple[float, float, float, float],
-    scale: float,
-    table: Array,
-    places: tuple[Array, Array],
-    rows: tuple[int, int],
-    height: Profile,
-    how: Sampling,
-) -> None:
-    """Add the light of one microlens to some rows, from a table of images.
-
-    Args:
-        image: [row, column].
-        lens: the microlens.
-        line: its map to the target along its direction.
-        upward: the same across it.
-        light: the table.
-        steps: first place and steps to the mm, first distance and steps to the mm.
-        scale: target mm per mm on the sensor of the table.
-        table: shares of the full cone, empty where pixels are cut into parts.
-        places: x of the columns and y of the rows, mm.
-        rows: first row, and row after the last.
-        height: what the target is across its direction.
-        how: how finely its ends are formed.
-    """
-    xs, ys = places
-    last, side = light.shape[2] - 1, how.pixel
-    reach = lens.reach + abs(lens.slope) + math.sqrt(0.5) * side
-    near = abs(line.across_pupil) + abs(line.across_sensor) * side
-    for row in range(max(rows[0], lens.first_row), min(rows[1], lens.end_row)):
-        ey = ys[row] - lens.y
-        for column in range(lens.first_column, lens.end_column):
-            ex = xs[column] - lens.x
-            squared = ex * ex + ey * ey
-            if squared >= reach * reach:
-                continue
-            share = share_of(lens, table, ex, ey, side)
-            up = line.across + line.across_sensor * (ey * line.cos - ex * line.sin)
-            if share <= 0.0 or abs(up) - how.half_height >= near:
-                continue
-            if abs(up) - how.half_height > -near:
-                share *= seen_through(lens, upward, height, ex, ey, side, how)[0]
-            away = math.sqrt(squared)
-            along = ex * line.cos + ey * line.sin
-            place = ((line.origin + line.sensor * along) / abs(scale) - steps[0]) * steps[1]
-            if place <= 0.0:
-                continue
-            place = min(place, last - 1e-9)
-            at = int(place)
-            part = place - at
-            radius = min(max((away - steps[2]) * steps[3], 0.0), light.shape[0] - 1 - 1e-9)
-            turn = math.acos(min(max(along / away, -1.0), 1.0)) if away > 0.0 else 0.0
-            turn *= (light.shape[1] - 1) / math.pi
-            ring, spoke = int(radius), min(int(turn), light.shape[1] - 2)
-            out, aside = radius - ring, turn - spoke
-            total = 0.0
-            for i in range(2):
-                for j in range(2):
-                    weight = (out if i else 1.0 - out) * (aside if j else 1.0 - aside)
-                    if weight > 0.0:
-                        known = light[ring + i, spoke + j]
-                        total += weight * (known[at] * (1.0 - part) + known[at + 1] * part)
-            image[row, column] += lens.level * share * total
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def share_of(lens: Record, table: Array, ex: float, ey: float, side: float) -> float:
-    """Share of the full cone in the mean over a pixel."""
-    if table.size > 0:
-        return look_up(table, ex * ex + ey * ey)
-    total, parts = 0.0, 4
-    part = side / parts
-    for row in range(parts):
-        for column in range(parts):
-            x, y = ex + part * (column - 1.5), ey + part * (row - 1.5)
-            total += share_in(x, y, part, lens.slope, lens.reach)
-    return total / (parts * parts)
-
-
-def _add_dots(image: Array, scene: Scene, made: Upright, kind: Kind, tables: list[Array]) -> None:
-    """Add the light of round dots: their images turn with the direction to the sensor point."""
-    target, side = made.target, scene.camera.sensor.pixel
-    if not isinstance(target, FourDot):
-        return
-    radius = target.diameter / 2 / abs(kind.sensor)
-    reach = radius + abs(kind.blur) + DOT_TAIL * side
-    seeing = [index for index in kind.indices if _sees(made, index, target.centres, reach)]
-    if not seeing:
-        return
-    light = dot_table(kind, radius, side)
-    radii = kind.radii(DOT_RADII)
-    steps = (side / DOT_STEPS, radii[0], 1 / max(radii[1] - radii[0], 1e-300))
-    xs_ys = pixel_positions(scene.camera.sensor)
-
-    def form(top: int, bottom: int) -> Iterator[None]:
-        for index in seeing:
-            _read_dots(
-                image, made.lenses[index], made.lines[index], target.centres, light, steps,
-                tables[index], xs_ys, (top, bottom), side,
-            )  # fmt: skip
-            yield
-
-    in_bands(form, image.shape[0])
-
-
 def _sees(made: Upright, index: int, centres: Array, reach: float) -> bool:
     """Whether any dot's image lies within reach (mm) of a microlens's light."""
     lens, line = made.lenses[index], made.lines[index]
@@ -367,10 +237,13 @@ def _sees(made: Upright, index: int, centres: Array, reach: float) -> bool:
     return bool((np.hypot(u, v) < lens["reach"] + abs(lens["slope"]) + reach).any())
 
 
-def dot_table(kind: Kind, radius: float, side: float) -> npt.NDArray[np.float32]:
-    """Images of a dot of a radius (mm on the sensor) behind a pixel, for sensor points along x, at
-    distances from the micro-image's centre; shape (DOT_RADII, rows, columns), the dot in the
-    middle.
+def dot_table(kind: Kind, radius: float, side: float) -> tuple[Array, Array]:
+    """Images of a dot of a radius (mm on the sensor) behind a pixel.
+
+    Returns:
+        Places, mm from the dot's centre, shape (X,), and the images at distances of a sensor point
+            from the micro-image's centre and angles to its direction, shape (DOT_RADII, DOT_ANGLES,
+            X).
     """
     step = side / DOT_STEPS
     half = radius + abs(kind.blur) + DOT_TAIL * side
@@ -383,65 +256,102 @@ def dot_table(kind: Kind, radius: float, side: float) -> npt.NDArray[np.float32]
     spectrum *= np.sinc(fx * side) * np.sinc(fy * side)
     spectrum /= (np.sinc(fx * step) * np.sinc(fy * step)) ** 2  # what reading between samples takes
     used = size < kind.cutoff
-    light = np.empty((DOT_RADII, count, count), dtype=np.float32)
+    places = np.arange(0.0, half - 2 * step, side / DOT_PLACES)
+    turned = np.linspace(0, math.pi, DOT_ANGLES)[:, None]
+    points = count // 2 + np.stack([np.sin(turned) * places, np.cos(turned) * places]) / step
+    light = np.empty((DOT_RADII, DOT_ANGLES, len(places)))
     for index, away in enumerate(kind.radii(DOT_RADII)):
         bent = np.zeros(spectrum.shape, dtype=np.complex64)
         bent[used] = spectrum[used] * kind.transfer(float(away), turn[used], size[used])
         whole = np.concatenate([bent, bent[-2:0:-1]])
-        light[index] = np.fft.fftshift(np.asarray(irfft2(whole, (count, count))))
-    return light
+        seen = np.fft.fftshift(np.asarray(irfft2(whole, (count, count)), dtype=np.float64))
+        light[index] = map_coordinates(seen, points, order=1)
+    light[:, :, -1] = 0.0  # black beyond
+    return places, light
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _read_dots(
+def _read(
     image: Array,
     lens: Record,
     line: Record,
     centres: Array,
-    light: npt.NDArray[np.float32],
-    steps: tuple[float, float, float],
+    light: Array,
+    steps: tuple[float, float, float, float],
+    scale: float,
     table: Array,
     places: tuple[Array, Array],
     rows: tuple[int, int],
-    side: float,
+    how: Sampling,
 ) -> None:
-    """Add the dots seen through one microlens to some rows, from a table of images; ``steps`` are
-    the table's step, its first distance and its steps to the mm.
+    """Add the light of one microlens to some rows, from a table of images.
+
+    Args:
+        image: [row, column].
+        lens: the microlens.
+        line: its map to the target.
+        centres: of dots, mm on the target, shape (N, 2); none of a target along one direction.
+        light: the table.
+        steps: first place and steps to the mm, first distance and steps to the mm.
+        scale: target mm per mm on the sensor of the table.
+        table: shares of the full cone, empty where pixels are cut into parts.
+        places: x of the columns and y of the rows, mm.
+        rows: first row, and row after the last.
+        how: how finely the target's ends are formed.
     """
     xs, ys = places
-    middle = light.shape[1] // 2
-    reach = (middle - 2) * steps[0]
-    outer = lens.reach + abs(lens.slope) + math.sqrt(0.5) * side
-    for dot in range(centres.shape[0]):
-        u = (centres[dot, 0] - line.origin) / line.sensor
-        v = (centres[dot, 1] - line.across) / line.across_sensor
-        x, y = u * line.cos - v * line.sin + lens.x, u * line.sin + v * line.cos + lens.y
-        for row in range(max(rows[0], lens.first_row), min(rows[1], lens.end_row)):
-            if abs(ys[row] - y) >= reach:
+    side, near = how.pixel, abs(line.across_pupil) + abs(line.across_sensor) * how.pixel
+    reach = lens.reach + abs(lens.slope) + math.sqrt(0.5) * side
+    for row in range(max(rows[0], lens.first_row), min(rows[1], lens.end_row)):
+        ey = ys[row] - lens.y
+        for column in range(lens.first_column, lens.end_column):
+            ex = xs[column] - lens.x
+            away = math.sqrt(ex * ex + ey * ey)
+            if away >= reach:
                 continue
-            for column in range(lens.first_column, lens.end_column):
-                dx, dy = xs[column] - x, ys[row] - y
-                ex, ey = xs[column] - lens.x, ys[row] - lens.y
-                away = math.hypot(ex, ey)
-                if dx * dx + dy * dy >= reach * reach or away >= outer:
-                    continue
-                share = share_of(lens, table, ex, ey, side)
-                if share <= 0.0:
-                    continue
-                cos, sin = (ex / away, ey / away) if away > 0.0 else (1.0, 0.0)
-                across = (dx * cos + dy * sin) / steps[0] + middle
-                up = (dy * cos - dx * sin) / steps[0] + middle
-                ring = min(max((away - steps[1]) * steps[2], 0.0), light.shape[0] - 1 - 1e-9)
-                first = int(ring)
-                seen = _between(light[first], up, across) * (1.0 - (ring - first))
-                seen += _between(light[first + 1], up, across) * (ring - first)
+            along, aside = ex * line.cos + ey * line.sin, ey * line.cos - ex * line.sin
+            u, v = line.origin + line.sensor * along, line.across + line.across_sensor * aside
+            seen, beyond = 0.0, abs(v) - how.half_height
+            if centres.shape[0] == 0 and beyond < near:
+                seen = _known(light, steps, u / scale, away, along)
+                if beyond > -near:
+                    seen *= seen_through(lens, line, EVEN, ex, ey, side, how)[0]
+            for dot in range(centres.shape[0]):
+                dx, dy = (
+                    (u - centres[dot, 0]) / line.sensor,
+                    (v - centres[dot, 1]) / line.across_sensor,
+                )
+                far = math.sqrt(dx * dx + dy * dy)
+                ahead = (dx * along + dy * aside) / far if far > 0.0 else 0.0
+                seen += _known(light, steps, far, away, ahead)
+            if seen != 0.0:
+                if table.size > 0:
+                    share = look_up(table, away * away)
+                else:
+                    share = share_over(ex, ey, side, lens.slope, lens.reach)
                 image[row, column] += lens.level * share * seen
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _between(known: npt.NDArray[np.float32], row: float, column: float) -> float:
-    i, j = int(row), int(column)
-    y, x = row - i, column - j
-    above = known[i, j] * (1.0 - x) + known[i, j + 1] * x
-    below = known[i + 1, j] * (1.0 - x) + known[i + 1, j + 1] * x
-    return above * (1.0 - y) + below * y
+def _known(
+    light: Array, steps: tuple[float, float, float, float], place: float, away: float, along: float
+) -> float:
+    """What a table says of a place on an image, for a sensor point that lies ``away`` from the
+    micro-image's centre, ``along`` of it in the direction of the place.
+    """
+    place, last = (place - steps[0]) * steps[1], light.shape[2] - 1
+    if place < 0.0 or (place > last and light[0, 0, last] == 0.0):
+        return 0.0
+    place = min(place, last - 1e-9)
+    radius = min(max((away - steps[2]) * steps[3], 0.0), light.shape[0] - 1 - 1e-9)
+    turn = math.acos(min(max(along / away, -1.0), 1.0)) if away > 0.0 else 0.0
+    turn *= (light.shape[1] - 1) / math.pi
+    at, ring, spoke = int(place), int(radius), min(int(turn), light.shape[1] - 2)
+    part, out, aside, total = place - at, radius - ring, turn - spoke, 0.0
+    for i in range(2):
+        for j in range(2):
+            weight = (out if i else 1.0 - out) * (aside if j else 1.0 - aside)
+            if weight > 0.0:
+                known = light[ring + i, spoke + j]
+                total += weight * (known[at] * (1.0 - part) + known[at + 1] * part)
+    return total

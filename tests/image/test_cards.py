@@ -11,7 +11,7 @@ from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
-from flflab.image.general.targets import Boxes, covered, known_of, seen
+from flflab.image.general.targets import Boxes, covered, sight_of
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor
@@ -118,7 +118,7 @@ def test_boxes_that_look_past_a_card_see_what_is_on_it_and_no_more(target: Targe
     columns = np.arange(-half[0] + step / 2, half[0], step)
     for wide in (0.02, 0.3, 1.6):
         boxes = Boxes(*(np.array([side]) for side in (0.05 * wide, 0.0, wide, 1e-6)))
-        light = seen(target, known_of(target), across, row, boxes, half)
+        light = sight_of(target)(across, row, boxes, half)
         light = light * covered(across, row, boxes, *half)
         on_it = target.radiance(columns, np.full_like(columns, 0.03)).sum() * step
         assert light.sum() * 0.004 == pytest.approx(on_it, rel=0.01)

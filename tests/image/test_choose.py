@@ -34,7 +34,7 @@ def on(report: Report) -> set[str]:
 def test_every_effect_of_the_contract_is_told_with_a_reason(scene: Scene) -> None:
     report = take_picture(scene)
     assert [effect.name for effect in report.effects] == [*LIGHT, *NOISE]
-    assert len(set(LIGHT + NOISE)) == 27
+    assert len(set(LIGHT + NOISE)) == 28
     assert all(effect.why for effect in report.effects)
     assert on(report) == {"defocus", "vignetting", "overlap", "pixel", "diffraction", "falloff"}
     assert report.error_estimate < report.tolerance == 0.002

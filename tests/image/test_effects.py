@@ -19,9 +19,10 @@ from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.scatter import Scatter
 from flflab.image.effects.soft_rims import SoftRims
+from flflab.image.effects.spherical_aberration import SphericalAberration
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.path import path_of
-from flflab.image.render import render
+from flflab.image.render import render, render_light
 from flflab.image.scene import ALL, Plane, Scene, one_plane
 from flflab.image.survey import survey
 from flflab.optics.camera import Camera, MainLens
@@ -83,6 +84,7 @@ def test_what_an_ideal_scene_has_not_is_not_among_its_effects(camera: Camera) ->
         ("scatter", {"scatter": Scatter(1e-4, 1e-5, 3)}),
         ("soft-rims", {"soft_rims": SoftRims(0.001)}),
         ("columns", {"columns": Columns(0.002, 0.003)}),
+        ("spherical-aberration", {"spherical_aberration": SphericalAberration(0.0005)}),
     ],
 )
 @pytest.mark.parametrize("distance", [506.7, 450.0])
@@ -98,6 +100,34 @@ def test_a_picture_without_an_effect_differs_by_no_more_than_its_bound(
     bound = effect(pictured, name).bound(survey(pictured))
     assert change <= bound + 2 * TOLERANCE
     assert 0 < bound < 1
+
+
+@pytest.mark.parametrize("pixels", [4.0, -4.0])
+def test_an_edge_is_spread_by_the_cube_of_the_place_in_the_microlens(
+    camera: Camera, pixels: float
+) -> None:
+    """Against the share of a microlens whose rays land beyond the edge, counted by hand."""
+    side = camera.sensor.pixel
+    one = replace(
+        camera,
+        main_lens=MainLens(50.0, 2.0),  # the microlens limits
+        array=replace(camera.array, count=(1, 1)),
+        sensor=replace(camera.sensor, resolution=(41, 3)),
+    )
+    scene = replace(
+        one_plane(one, Edge(0.0), 506.7016),
+        spherical_aberration=SphericalAberration(pixels * side),
+    )
+    light = render_light(scene, 1e-3, ALL)
+    radius = np.sqrt((np.arange(400) + 0.5) / 400)[:, None]
+    angle = 2 * np.pi * (np.arange(200) + 0.5) / 200
+    aside = np.sort((pixels * radius**3 * np.cos(angle)).ravel())
+    within = ((np.arange(41) - 20)[:, None] + (np.arange(50) + 0.5) / 50 - 0.5).ravel()
+    due = (np.searchsorted(aside, within) / aside.size).reshape(41, 50).mean(axis=1)
+    seen = light.image[1] if light.image[1, -1] > 0.5 else light.image[1, ::-1]
+    assert light.pilot is not None
+    assert np.sqrt(np.mean((seen - due) ** 2)) < 2 * max(1e-3, light.pilot.rms) < 0.01
+    assert 0.05 < due[18] < 0.45  # a pixel that a sharp edge leaves dark
 
 
 def test_a_turned_target_differs_by_no_more_than_its_bound(camera: Camera) -> None:

@@ -98,9 +98,6 @@ def test_pinholes_for_microlenses(
     assert typical_difference(one_plane(pinholes, target, FOCUS), 4) < TOLERANCE
 
 
-@pytest.mark.xfail(
-    reason="a white's table is 0.026 off in two pixels at a rim of one point", strict=True
-)
 def test_both_stops_seen_alike_to_the_last_bit_touch_in_one_point(
     trace_pixels: Callable[..., Any], camera: Camera
 ) -> None:

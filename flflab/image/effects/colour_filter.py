@@ -3,29 +3,29 @@ two by two.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from flflab.errors import InputError
-from flflab.image.effects.effect import Array, Formed, require
+from flflab.image.effects.effect import Array, Finishing, Formed, parameter
 from flflab.image.regime import Regime
 
 PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 
 
 @dataclass(frozen=True)
-class ColourFilter:
+class ColourFilter(Finishing):
     """``pattern`` names the filters of the pixels [0, 0], [0, 1], [1, 0], [1, 1]; transmissions
     count from the green one.
     """
 
     pattern: str = "rggb"
-    red: float = 0.6
-    green: float = 1.0
-    blue: float = 0.5
-    name: ClassVar[str] = "colour-filter"
-    unit: ClassVar[str] = "of light"
+    red: float = parameter(0.6, most=1)
+    green: float = parameter(1.0, most=1)
+    blue: float = parameter(0.5, most=1)
+    name = "colour-filter"
+    unit = "of light"
+    pixel_ns = 2  # one multiplication a pixel
 
     def __post_init__(self) -> None:
         """Refuse what is no mosaic.
@@ -38,20 +38,11 @@ class ColourFilter:
                 f"colour filter: there is no pattern {self.pattern!r}; allowed:"
                 f" {', '.join(PATTERNS)}"
             )
-        for colour in ("red", "green", "blue"):
-            require(self.name, colour, getattr(self, colour), most=1)
+        super().__post_init__()
 
     def size(self, regime: Regime) -> float:
         """What the densest filter takes."""
         return 1 - min(self.red, self.green, self.blue)
-
-    def bound(self, regime: Regime) -> float:
-        """That share of the brightest light."""
-        return self.size(regime) * regime.brightest
-
-    def cost(self, regime: Regime) -> float:
-        """One multiplication a pixel."""
-        return 2e-6 * regime.pixels
 
     def why(self, regime: Regime) -> str:
         """The mosaic."""

@@ -4,39 +4,28 @@ own.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from flflab.image.effects.effect import Array, Formed, require
+from flflab.image.effects.effect import Array, Finishing, Formed, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Columns:
+class Columns(Finishing):
     """Independent normal errors of the gains, drawn once from the ``seed`` of a sensor.
 
     ``column`` is the standard deviation from column to column, ``tap`` that from one to the next of
     ``taps`` equal blocks that lie side by side, both relative to the mean gain.
     """
 
-    column: float = 0.0
-    tap: float = 0.0
-    taps: int = 2
-    seed: int = 0
-    name: ClassVar[str] = "columns"
-    unit: ClassVar[str] = "of light"
-
-    def __post_init__(self) -> None:
-        """No gain is negative, and there are 1 to 64 taps.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "column", self.column, most=0.1, of=" of the mean gain")
-        require(self.name, "tap", self.tap, most=0.1, of=" of the mean gain")
-        require(self.name, "taps", self.taps, 1, 64)
-        require(self.name, "seed", self.seed)
+    column: float = parameter(0.0, most=0.1, unit="of the mean gain")
+    tap: float = parameter(0.0, most=0.1, unit="of the mean gain")
+    taps: int = parameter(2, least=1, most=64)
+    seed: int = parameter(0)
+    name = "columns"
+    unit = "of light"
+    pixel_ns = 2  # one product a pixel
 
     def gains(self, count: int) -> Array:
         """Gains of so many columns, 1 on average."""
@@ -52,10 +41,6 @@ class Columns:
     def bound(self, regime: Regime) -> float:
         """Six standard deviations at the brightest light: one column in 10^9 is farther off."""
         return 6 * self.size(regime) * regime.brightest
-
-    def cost(self, regime: Regime) -> float:
-        """One product a pixel."""
-        return 2e-6 * regime.pixels
 
     def why(self, regime: Regime) -> str:
         """Both parts."""

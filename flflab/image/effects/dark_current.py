@@ -2,31 +2,22 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-from flflab.image.effects.effect import require
+from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class DarkCurrent:
+class DarkCurrent(Effect):
     """``electrons_per_second`` gather in every pixel over the ``exposure`` (s), on average; they
     have shot noise like all electrons.
     """
 
-    electrons_per_second: float
-    exposure: float
-    name: ClassVar[str] = "dark-current"
-    unit: ClassVar[str] = "electrons"
-
-    def __post_init__(self) -> None:
-        """Both numbers are 0 or more.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "electrons_per_second", self.electrons_per_second, of=" electrons/s")
-        require(self.name, "exposure", self.exposure, of=" s")
+    electrons_per_second: float = parameter(unit="electrons/s")
+    exposure: float = parameter(unit="s")
+    name = "dark-current"
+    unit = "electrons"
+    pixel_ns = 0.2  # one sum a pixel
 
     @property
     def electrons(self) -> float:
@@ -39,15 +30,7 @@ class DarkCurrent:
 
     def bound(self, regime: Regime) -> float:
         """The mean, and six standard deviations of what comes by chance."""
-        return (
-            (self.electrons + 6 * math.sqrt(self.electrons)) / regime.electrons
-            if regime.electrons > 0
-            else math.inf
-        )
-
-    def cost(self, regime: Regime) -> float:
-        """One sum a pixel."""
-        return 2e-7 * regime.pixels
+        return regime.of_white(self.electrons + 6 * math.sqrt(self.electrons))
 
     def why(self, regime: Regime) -> str:
         """How long."""

@@ -4,8 +4,8 @@ other.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 MEAN_REACH = 0.4244  # mean of |x| over the unit disc, 4 / (3 pi)
@@ -13,13 +13,13 @@ SHARP = 1e-3  # px of blur: less is in focus
 
 
 @dataclass(frozen=True)
-class Defocus:
+class Defocus(Effect):
     """Left out, a pixel sees the target through the middle of the pupil alone. It has no number of
     its own.
     """
 
-    name: ClassVar[str] = "defocus"
-    unit: ClassVar[str] = "px"
+    name = "defocus"
+    unit = "px"
 
     def size(self, regime: Regime) -> float:
         """Diameter of the blur of a point."""

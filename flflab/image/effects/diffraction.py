@@ -2,30 +2,19 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-from flflab.errors import InputError
+from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Diffraction:
+class Diffraction(Effect):
     """Light of one ``wavelength``, mm."""
 
-    wavelength: float = 550e-6
-    name: ClassVar[str] = "diffraction"
-    unit: ClassVar[str] = "px"
-
-    def __post_init__(self) -> None:
-        """Refuse what is no wavelength.
-
-        Raises:
-            InputError: it is not a finite number above 0.
-        """
-        if not (math.isfinite(self.wavelength) and self.wavelength > 0):
-            raise InputError(
-                f"diffraction: wavelength is {self.wavelength:g} mm; a finite number above 0 is due"
-            )
+    wavelength: float = parameter(550e-6, unit="mm", above=0)
+    name = "diffraction"
+    unit = "px"
+    lit_ns = 60  # four looks into a table of images a pixel
 
     def size(self, regime: Regime) -> float:
         """Radius of the Airy disc."""
@@ -48,10 +37,6 @@ class Diffraction:
             )
             changes.append(min(plane.contrast, regime.reaching * most * radius))
         return sum(changes)
-
-    def cost(self, regime: Regime) -> float:
-        """Four looks into a table of images a pixel, 60 ns."""
-        return 6e-5 * regime.pixels * regime.lit
 
     def why(self, regime: Regime) -> str:
         """Against the blur."""

@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-from flflab.image.effects.effect import require
+from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import PlaneRegime, Regime
 
 
 @dataclass(frozen=True)
-class Distortion:
+class Distortion(Effect):
     """A ray whose paraxial object point is o (mm, at distance D) comes from o (1 + coefficient |o /
     D|^2).
 
@@ -17,17 +16,10 @@ class Distortion:
     should.
     """
 
-    coefficient: float
-    name: ClassVar[str] = "distortion"
-    unit: ClassVar[str] = "px"
-
-    def __post_init__(self) -> None:
-        """The coefficient is finite.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "coefficient", self.coefficient, -math.inf, of=" 1/rad^2")
+    coefficient: float = parameter(unit="1/rad^2", least=-math.inf)
+    name = "distortion"
+    unit = "px"
+    lit_ns = 350  # rays, where no map of a micro-image holds
 
     def _shift(self, plane: PlaneRegime) -> float:
         """How far the outermost ray moves, rad."""
@@ -48,10 +40,6 @@ class Distortion:
             plane.moved(self._shift(plane), stretch)
             for plane, stretch in zip(regime.planes, apart, strict=True)
         )
-
-    def cost(self, regime: Regime) -> float:
-        """Where no map of a micro-image holds, rays: four or more a lit pixel, 350 ns."""
-        return 3.5e-4 * regime.pixels * regime.lit
 
     def why(self, regime: Regime) -> str:
         """Up to which angle."""

@@ -4,29 +4,22 @@ cos^4(theta) of its paraxial light.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Falloff:
+class Falloff(Effect):
     """It has no number of its own: the angles follow from the camera."""
 
-    name: ClassVar[str] = "falloff"
-    unit: ClassVar[str] = "of light"
+    name = "falloff"
+    unit = "of light"
+    lit_ns = 4  # five strips or more, 0.7 ns each, and what they add to others
 
     def size(self, regime: Regime) -> float:
         """What the ray of the largest slope s loses: 1 - cos^4 = 1 - 1 / (1 + s^2)^2."""
         return 1 - (1 + regime.slope**2) ** -2
-
-    def bound(self, regime: Regime) -> float:
-        """That share of the brightest light."""
-        return self.size(regime) * regime.brightest
-
-    def cost(self, regime: Regime) -> float:
-        """Five strips or more, 0.7 ns each, and what they add to others."""
-        return 4e-6 * regime.pixels * regime.lit
 
     def why(self, regime: Regime) -> str:
         """The steepest ray."""

@@ -2,29 +2,21 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from flflab.image.effects.effect import Array, Formed, require
+from flflab.image.effects.effect import Array, Finishing, Formed, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Gamma:
+class Gamma(Finishing):
     """What is read is the light, of white, to the power ``exponent``; 1: in proportion."""
 
-    exponent: float
-    name: ClassVar[str] = "gamma"
-    unit: ClassVar[str] = "from 1"
-
-    def __post_init__(self) -> None:
-        """The exponent lies between 0.3 and 3.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "exponent", self.exponent, 0.3, 3)
+    exponent: float = parameter(least=0.3, most=3)
+    name = "gamma"
+    unit = "from 1"
+    pixel_ns = 20  # one power a pixel
 
     def size(self, regime: Regime) -> float:
         """How far it is from 1."""
@@ -37,10 +29,6 @@ class Gamma:
             return 0.0
         steepest = min(exponent ** (1 / (1 - exponent)), brightest)
         return max(abs(x**exponent - x) for x in (steepest, brightest))
-
-    def cost(self, regime: Regime) -> float:
-        """One power a pixel, 20 ns."""
-        return 2e-5 * regime.pixels
 
     def why(self, regime: Regime) -> str:
         """How far half of white is off."""

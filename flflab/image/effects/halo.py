@@ -2,50 +2,25 @@
 cover).
 """
 
-import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from scipy.ndimage import gaussian_filter
 
-from flflab.errors import InputError
-from flflab.image.effects.effect import Array, Formed
+from flflab.image.effects.effect import Array, Finishing, Formed, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Halo:
+class Halo(Finishing):
     """``share`` of the light is spread as a Gaussian of the standard deviation ``radius``, mm on
     the sensor.
     """
 
-    share: float
-    radius: float
-    name: ClassVar[str] = "halo"
-    unit: ClassVar[str] = "of light"
-
-    def __post_init__(self) -> None:
-        """Refuse what is no halo.
-
-        Raises:
-            InputError: the share is not from 0 to 1, or the radius not above 0.
-        """
-        if not 0 <= self.share <= 1:
-            raise InputError(f"halo: share is {self.share:g}; from 0 to 1 is allowed")
-        if not (math.isfinite(self.radius) and self.radius > 0):
-            raise InputError(f"halo: radius is {self.radius:g} mm; a length above 0 is due")
-
-    def size(self, regime: Regime) -> float:
-        """Its share."""
-        return self.share
-
-    def bound(self, regime: Regime) -> float:
-        """No pixel loses or gains more than this share of the brightest light."""
-        return self.share * regime.brightest
-
-    def cost(self, regime: Regime) -> float:
-        """Two passes of a filter, 100 ns a pixel."""
-        return 1e-4 * regime.pixels
+    share: float = parameter(most=1)
+    radius: float = parameter(unit="mm", above=0)
+    name = "halo"
+    unit = "of light"
+    pixel_ns = 100  # two passes of a filter
 
     def why(self, regime: Regime) -> str:
         """How far the light goes."""

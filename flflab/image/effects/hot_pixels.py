@@ -2,48 +2,28 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
-from flflab.image.effects.effect import require
+from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class HotPixels:
+class HotPixels(Effect):
     """A ``share`` of the pixels, drawn once from the ``seed`` of a sensor, gathers further
     electrons during the exposure: exponentially distributed from pixel to pixel, ``electrons`` on
     average. They have shot noise like all electrons.
     """
 
-    share: float
-    electrons: float
-    seed: int = 0
-    name: ClassVar[str] = "hot-pixels"
-    unit: ClassVar[str] = "of the pixels"
-
-    def __post_init__(self) -> None:
-        """The share lies between 0 and 1, electrons are 0 or more.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "share", self.share, most=1)
-        require(self.name, "electrons", self.electrons)
-
-    def size(self, regime: Regime) -> float:
-        """Their share."""
-        return self.share
+    share: float = parameter(most=1)
+    electrons: float = parameter(unit="electrons")
+    seed: int = parameter(0)
+    name = "hot-pixels"
+    unit = "of the pixels"
+    pixel_ns = 4  # a random number a pixel
 
     def bound(self, regime: Regime) -> float:
         """What one pixel in 10^9 exceeds: 20.7 times the mean."""
-        if self.share == 0 or self.electrons == 0:
-            return 0.0
-        most = math.log(1e9) * self.electrons
-        return most / regime.electrons if regime.electrons > 0 else math.inf
-
-    def cost(self, regime: Regime) -> float:
-        """A random number a pixel."""
-        return 4e-6 * regime.pixels
+        return regime.of_white(math.log(1e9) * self.electrons) if self.share > 0 else 0.0
 
     def why(self, regime: Regime) -> str:
         """How many, and how hot."""

@@ -4,13 +4,13 @@ target.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Misalignment:
+class Misalignment(Effect):
     """Its numbers stand in the camera and in the planes; left out, all of them are 0.
 
     ``turned`` holds for each plane its roll (rad) and the size of its tilt, ``aperture`` is the
@@ -19,8 +19,9 @@ class Misalignment:
 
     turned: tuple[tuple[float, float], ...]
     aperture: float
-    name: ClassVar[str] = "misalignment"
-    unit: ClassVar[str] = "px"
+    name = "misalignment"
+    unit = "px"
+    lit_ns = 350  # rays, where no map of a micro-image holds
 
     def _shifts(self, regime: Regime) -> list[float]:
         """How far the rays of each plane move on it, rad.
@@ -55,18 +56,8 @@ class Misalignment:
         )
         return min(regime.light, regime.changed(regime.misaligned) + moved)
 
-    def cost(self, regime: Regime) -> float:
-        """Where no map of a micro-image holds, rays: four or more a lit pixel, 350 ns."""
-        return 3.5e-4 * regime.pixels * regime.lit
-
     def why(self, regime: Regime) -> str:
         """What is out of line."""
         camera = regime.misaligned.rim > 0 or regime.misaligned.shift > 0
-        parts = (["array or sensor"] if camera else []) + (
-            ["target"] if any(map(any, self.turned)) else []
-        )
-        return (
-            f"offset, roll or tilt of {' and '.join(parts)}"
-            if parts
-            else "array, sensor and target are in line"
-        )
+        parts = ["array or sensor"] * camera + ["target"] * any(map(any, self.turned))
+        return f"offset, roll or tilt of {' and '.join(parts)}"

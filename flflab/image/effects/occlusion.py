@@ -1,17 +1,18 @@
 """Occlusion: a card hides what is behind it."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Occlusion:
+class Occlusion(Effect):
     """Its numbers stand in the planes; left out, the light of all planes adds up."""
 
-    name: ClassVar[str] = "occlusion"
-    unit: ClassVar[str] = "planes"
+    name = "occlusion"
+    unit = "planes"
+    lit_ns = 350  # rays, once more
 
     def size(self, regime: Regime) -> float:
         """How many planes stand before another."""
@@ -21,14 +22,6 @@ class Occlusion:
         """All light of the planes behind."""
         return (len(regime.planes) - 1) * regime.brightest
 
-    def cost(self, regime: Regime) -> float:
-        """Rays, once more for each plane."""
-        return 3.5e-4 * regime.pixels * regime.lit * (len(regime.planes) - 1)
-
     def why(self, regime: Regime) -> str:
         """How many planes."""
-        return (
-            "one target alone hides nothing"
-            if len(regime.planes) == 1
-            else f"{len(regime.planes)} targets stand behind each other"
-        )
+        return f"{len(regime.planes)} targets stand behind each other"

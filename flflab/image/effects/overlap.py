@@ -1,19 +1,19 @@
 """Overlap: the light of neighbouring microlenses adds up where their micro-images overlap."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Overlap:
+class Overlap(Effect):
     """Left out, a pixel gets the light of the micro-image whose centre is nearest alone. It has no
     number of its own.
     """
 
-    name: ClassVar[str] = "overlap"
-    unit: ClassVar[str] = "px"
+    name = "overlap"
+    unit = "px"
 
     def size(self, regime: Regime) -> float:
         """How far neighbouring micro-images reach into each other; negative for a gap between

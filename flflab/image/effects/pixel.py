@@ -1,19 +1,19 @@
 """Pixel area: a pixel gathers the light of its whole square."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 MEAN_DISTANCE = 0.3826  # of the points of a unit square from its middle
 
 
 @dataclass(frozen=True)
-class Pixel:
+class Pixel(Effect):
     """Left out, a pixel holds what falls on its centre. It has no number of its own."""
 
-    name: ClassVar[str] = "pixel"
-    unit: ClassVar[str] = "px"
+    name = "pixel"
+    unit = "px"
 
     def size(self, regime: Regime) -> float:
         """Its side."""
@@ -34,10 +34,6 @@ class Pixel:
         )
         rims = light / regime.least_rim if regime.least_rim > 0 else regime.brightest
         return min(regime.brightest, target + rims)
-
-    def cost(self, regime: Regime) -> float:
-        """Closed forms hold it at no cost."""
-        return 0.0
 
     def why(self, regime: Regime) -> str:
         """Always."""

@@ -1,14 +1,13 @@
 """Scatter of the microlenses: every one has a focal length, a place and a brightness of its own."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from flflab.image.effects.effect import require
+from flflab.image.effects.effect import Effect, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Scatter:
+class Scatter(Effect):
     """Independent normal errors of every microlens, drawn once from a ``seed``.
 
     ``focal_length`` is the standard deviation relative to the focal length, ``position`` that of
@@ -16,24 +15,13 @@ class Scatter:
     the mean, ``aperture_decentre`` that of each coordinate of an aperture against its lens, mm.
     """
 
-    focal_length: float = 0.0
-    position: float = 0.0
-    seed: int = 0
-    brightness: float = 0.0
-    aperture_decentre: float = 0.0
-    name: ClassVar[str] = "scatter"
-    unit: ClassVar[str] = "px"
-
-    def __post_init__(self) -> None:
-        """All is 0 or more, and so small that microlenses do not turn into others.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "focal_length", self.focal_length, most=0.1, of=" of the focal length")
-        require(self.name, "brightness", self.brightness, most=0.2, of=" of the light")
-        require(self.name, "position", self.position, of=" mm")
-        require(self.name, "aperture_decentre", self.aperture_decentre, of=" mm")
+    focal_length: float = parameter(0.0, most=0.1, unit="of the focal length")
+    position: float = parameter(0.0, unit="mm")
+    seed: int = parameter(0)
+    brightness: float = parameter(0.0, most=0.2, unit="of the light")
+    aperture_decentre: float = parameter(0.0, unit="mm")
+    name = "scatter"
+    unit = "px"
 
     def size(self, regime: Regime) -> float:
         """How far rims move at most."""

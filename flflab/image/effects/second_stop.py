@@ -6,13 +6,12 @@ It dims a picture as it dims white: rays that it stops inside a blur count like 
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numba
 import numpy as np
 
 from flflab.errors import InputError
-from flflab.image.effects.effect import Array, Formed, Record
+from flflab.image.effects.effect import Array, Finishing, Formed, Record, parameter
 from flflab.image.regime import Regime
 from flflab.optics.camera import pixel_positions
 from flflab.optics.discs import three_disc_area, two_disc_area
@@ -21,37 +20,18 @@ PARTS = 3  # of a pixel's side, where the ring clips
 
 
 @dataclass(frozen=True)
-class SecondStop:
+class SecondStop(Finishing):
     """A round opening of ``diameter`` mm, centred ``distance`` mm behind the main lens."""
 
-    distance: float
-    diameter: float
-    name: ClassVar[str] = "second-stop"
-    unit: ClassVar[str] = "mm"
-
-    def __post_init__(self) -> None:
-        """Refuse what is no ring.
-
-        Raises:
-            InputError: a length is not above 0, or not finite.
-        """
-        for name, length in (("distance", self.distance), ("diameter", self.diameter)):
-            if not (math.isfinite(length) and length > 0):
-                raise InputError(
-                    f"second stop: {name} is {length:g} mm; a finite length above 0 is due"
-                )
-
-    def size(self, regime: Regime) -> float:
-        """Its diameter."""
-        return self.diameter
+    distance: float = parameter(unit="mm", above=0)
+    diameter: float = parameter(unit="mm", above=0)
+    name = "second-stop"
+    unit = "mm"
+    lit_ns = 300  # areas of three discs in a part of the lit pixels
 
     def bound(self, regime: Regime) -> float:
         """It may stop all light."""
         return regime.brightest
-
-    def cost(self, regime: Regime) -> float:
-        """Areas of three discs in a part of the lit pixels, 300 ns."""
-        return 3e-4 * regime.pixels * regime.lit
 
     def why(self, regime: Regime) -> str:
         """Where it stands."""

@@ -1,43 +1,23 @@
 """Shading: the main lens brings less light towards the corners of the sensor."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from flflab.image.effects.effect import Array, Formed, require
+from flflab.image.effects.effect import Array, Finishing, Formed, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class Shading:
+class Shading(Finishing):
     """Light falls by ``corner``, a share, from the sensor's middle to its corner, with the square
     of the distance.
     """
 
-    corner: float
-    name: ClassVar[str] = "shading"
-    unit: ClassVar[str] = "of light"
-
-    def __post_init__(self) -> None:
-        """The share lies between 0 and 1.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "corner", self.corner, most=1)
-
-    def size(self, regime: Regime) -> float:
-        """What the corner loses."""
-        return self.corner
-
-    def bound(self, regime: Regime) -> float:
-        """No pixel loses more than the corner's share of the brightest light."""
-        return self.corner * regime.brightest
-
-    def cost(self, regime: Regime) -> float:
-        """One product a pixel."""
-        return 2e-6 * regime.pixels
+    corner: float = parameter(most=1)
+    name = "shading"
+    unit = "of light"
+    pixel_ns = 2  # one product a pixel
 
     def why(self, regime: Regime) -> str:
         """Where the light is lost."""

@@ -2,19 +2,20 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
+from flflab.image.effects.effect import Effect
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class ShotNoise:
+class ShotNoise(Effect):
     """The electrons of a pixel, those of the dark current too, are a Poisson number. It has no
     number of its own.
     """
 
-    name: ClassVar[str] = "shot-noise"
-    unit: ClassVar[str] = "of white"
+    name = "shot-noise"
+    unit = "of white"
+    pixel_ns = 9  # a Poisson number a pixel
 
     def size(self, regime: Regime) -> float:
         """Standard deviation at the white level."""
@@ -23,10 +24,6 @@ class ShotNoise:
     def bound(self, regime: Regime) -> float:
         """Six standard deviations at the brightest light: one pixel in 10^9 is farther off."""
         return 6 * self.size(regime) * math.sqrt(regime.brightest)
-
-    def cost(self, regime: Regime) -> float:
-        """A Poisson number a pixel."""
-        return 9e-6 * regime.pixels
 
     def why(self, regime: Regime) -> str:
         """How much light there is."""

@@ -4,12 +4,11 @@ edge is not sharp; what is seen inside them stays sharp.
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from flflab.image.effects.effect import Array, Formed, require
+from flflab.image.effects.effect import Array, Finishing, Formed, parameter
 from flflab.image.regime import Regime
 
 LEAST = 0.1  # of the brightest: where less light was, what its surroundings see is seen
@@ -17,20 +16,13 @@ MEAN_AWAY = math.sqrt(2 / math.pi)  # of a Gaussian's values from its middle, st
 
 
 @dataclass(frozen=True)
-class SoftRims:
+class SoftRims(Finishing):
     """The rims are blurred by a Gaussian of the standard deviation ``radius``, mm on the sensor."""
 
-    radius: float
-    name: ClassVar[str] = "soft-rims"
-    unit: ClassVar[str] = "px"
-
-    def __post_init__(self) -> None:
-        """The radius is 0 or more.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "radius", self.radius, of=" mm")
+    radius: float = parameter(unit="mm")
+    name = "soft-rims"
+    unit = "px"
+    pixel_ns = 220  # a white picture, and two filters of two passes
 
     def size(self, regime: Regime) -> float:
         """Standard deviation of the blur."""
@@ -39,10 +31,6 @@ class SoftRims:
     def bound(self, regime: Regime) -> float:
         """Rims that move by the mean way of the blur, at most all light."""
         return min(regime.brightest, MEAN_AWAY * self.size(regime) * regime.rim_steepness)
-
-    def cost(self, regime: Regime) -> float:
-        """A white picture, and two filters of two passes, 220 ns a pixel."""
-        return 2.2e-4 * regime.pixels
 
     def why(self, regime: Regime) -> str:
         """Against the width that two apertures give them."""

@@ -1,39 +1,19 @@
 """Stray light: a share of all light that is spread evenly over the sensor (veiling glare)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from flflab.image.effects.effect import Array, Formed, require
+from flflab.image.effects.effect import Array, Finishing, Formed, parameter
 from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
-class StrayLight:
+class StrayLight(Finishing):
     """``share`` of the light of every pixel goes evenly to all."""
 
-    share: float
-    name: ClassVar[str] = "stray-light"
-    unit: ClassVar[str] = "of light"
-
-    def __post_init__(self) -> None:
-        """The share lies between 0 and 1.
-
-        Raises:
-            InputError: it is not.
-        """
-        require(self.name, "share", self.share, most=1)
-
-    def size(self, regime: Regime) -> float:
-        """Its share."""
-        return self.share
-
-    def bound(self, regime: Regime) -> float:
-        """No pixel loses or gains more than this share of the brightest light."""
-        return self.share * regime.brightest
-
-    def cost(self, regime: Regime) -> float:
-        """One sum over the picture."""
-        return 2e-6 * regime.pixels
+    share: float = parameter(most=1)
+    name = "stray-light"
+    unit = "of light"
+    pixel_ns = 2  # one sum over the picture
 
     def why(self, regime: Regime) -> str:
         """Where the light goes."""

@@ -206,9 +206,12 @@ def add_by_columns(
         lit = _columns(lens, xs, outer * outer - ey * ey)
         whole = _columns(lens, xs, inner * inner - ey * ey)
         if table.size == 0:
-            pixels = image[row, first:]
-            _add_in_parts(pixels, lens, line, profile, xs, ey, (lit[0], min(whole[0], lit[1])), how)
-            _add_in_parts(pixels, lens, line, profile, xs, ey, (max(whole[1], lit[0]), lit[1]), how)
+            for start, end in ((lit[0], min(whole[0], lit[1])), (max(whole[1], lit[0]), lit[1])):
+                for column in range(start, end):
+                    ex = xs[first + column] - lens.x
+                    image[row, first + column] += light_of(
+                        lens, line, profile, ex, ey, how.parts, how
+                    )
             lit = whole
         shadow = ey / lens.slope if lens.slope != 0.0 else 0.0
         for block in range(lit[0] // BLOCK, -(-lit[1] // BLOCK)):
@@ -244,25 +247,6 @@ def add_by_columns(
                 if not inside and near[column] != 0.0:
                     light += slope_of(table, ex * ex + ey * ey) * near[column]
                 image[row, first + column] += lens.level * max(0.0, light)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_in_parts(
-    pixels: Array,
-    lens: Record,
-    line: Record,
-    profile: Profile,
-    xs: Array,
-    ey: float,
-    columns: tuple[int, int],
-    how: Sampling,
-) -> None:
-    """Add the light of some columns of a row, counted from the window's first, each cut into
-    parts.
-    """
-    for column in range(columns[0], columns[1]):
-        ex = xs[lens.first_column + column] - lens.x
-        pixels[column] += light_of(lens, line, profile, ex, ey, how.parts, how)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

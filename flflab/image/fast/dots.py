@@ -35,7 +35,6 @@ def add_dots(
     places: tuple[Array, Array],
     rows: tuple[int, int],
     how: Sampling,
-    sharp: bool,
 ) -> None:
     """Add the light of dots through one microlens to some rows.
 
@@ -48,8 +47,8 @@ def add_dots(
         table: ``share_table`` of the microlens, empty where its edge is narrower than a pixel.
         places: x of the columns and y of the rows, mm.
         rows: first row, and row after the last.
-        how: the sampling; ``parts`` a side of each pixel.
-        sharp: whether a pixel sees the target through the middle of the pupil.
+        how: the sampling; ``parts`` a side of each pixel, which sees the target through the middle
+            of the pupil where that is one strip.
     """
     xs, ys = places
     scale = abs(line.sensor)
@@ -63,31 +62,22 @@ def add_dots(
             x, y = x + aside[0] / line.sensor, y + aside[1] / line.sensor
         elif math.hypot(aside[0], aside[1]) >= radius + abs(line.pupil):
             continue
-        start, end = _within(xs, x, reach, lens.first_column, lens.end_column)
-        top, bottom = max(rows[0], lens.first_row), min(rows[1], lens.end_row)
-        first, last = _within(ys, y, reach, top, bottom)
+        start = max(lens.first_column, np.searchsorted(xs, x - reach))
+        end = min(lens.end_column, np.searchsorted(xs, x + reach, side="right"))
+        first = max(rows[0], lens.first_row, np.searchsorted(ys, y - reach))
+        last = min(rows[1], lens.end_row, np.searchsorted(ys, y + reach, side="right"))
         for row in range(first, last):
             for column in range(start, end):
                 ex, ey = xs[column] - lens.x, ys[row] - lens.y
                 away = math.hypot(xs[column] - x, ys[row] - y)
                 if away >= reach or math.hypot(ex, ey) >= outer:
                     continue
-                if sharp:
+                if how.strips == 1:
                     dot = (xs[column] - x, ys[row] - y, radius / scale)
                     light = _sharp(lens, line, dot, table, ex, ey, how)
                 else:
                     light = _blurred(lens, line, aside, radius, ex, ey, how)
                 image[row, column] += lens.level * light
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _within(places: Array, middle: float, reach: float, first: int, end: int) -> tuple[int, int]:
-    """The part of a range of pixels within a distance of a place."""
-    while first < end and places[first] < middle - reach:
-        first += 1
-    while first < end and places[end - 1] > middle + reach:
-        end -= 1
-    return first, end
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -103,11 +93,11 @@ def _sharp(
     """Share of a pixel's light where the blur is below a pixel: its square, or that of each of its
     parts, sees the target through the centre of its part of the pupil, widened by the blur.
     """
-    shift, turn = 0.0, -line.pupil / line.sensor
-    if turn != 0.0 and lens.slope != 0.0:
-        away = math.hypot(ex, ey)
-        shift = turn * _centre_of_pupil(lens, away) / max(away, 1e-300)
-    x, y = dot[0] - shift * ex, dot[1] - shift * ey
+    turn, middle = -line.pupil / line.sensor, (1.0, 0.0, 0.0)
+    if how.weighted or math.hypot(ex, ey) > lens.reach - abs(lens.slope):
+        middle = mean_over_pupil(lens, ex, ey, (0.0, 0.0, 2.0))
+    weight = middle[0] if how.weighted else 1.0
+    x, y = dot[0] - turn * middle[1], dot[1] - turn * middle[2]
     # A part's square is widened until it has the variance of the part and of the pupil's disc.
     side = how.pixel / how.parts
     wide = math.sqrt(side * side + 3.0 * turn * turn)
@@ -115,7 +105,6 @@ def _sharp(
     far, near = math.hypot(abs(x) + half, abs(y) + half), math.hypot(x, y) - 2 * half
     if near >= dot[2]:
         return 0.0
-    weight = mean_weight(lens, ex, ey, (0.0, 0.0, 2.0)) if how.weighted else 1.0
     if far <= dot[2] and table.size > 0:
         return weight * look_up(table, ex * ex + ey * ey)
     total = 0.0
@@ -133,26 +122,6 @@ def _sharp(
             if part > 0.0:
                 total += part * share_in(ex + aside, ey + down, side, lens.slope, lens.reach)
     return weight * total / how.parts**2
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _centre_of_pupil(lens: Record, away: float) -> float:
-    """How far from the pupil's middle the centre of the part lies that a sensor point sees, along
-    the direction of that point (of its opposite where the slope is negative), in pupil radii.
-    """
-    radius, off = lens.reach / abs(lens.slope), away / lens.slope
-    if abs(off) <= radius - 1.0:
-        return 0.0
-    low, high = max(-1.0, off - radius), min(1.0, off + radius)
-    area, moment = 0.0, 0.0
-    for chord in range(CHORDS):
-        angle = math.pi * (chord + 0.5) / CHORDS
-        at = 0.5 * (low + high) - 0.5 * (high - low) * math.cos(angle)
-        left, right = lens_chord(0.0, off, radius, at)
-        part = math.sin(angle) * max(0.0, right - left)
-        area += part
-        moment += part * at
-    return moment / area if area > 0.0 else 0.5 * (low + high)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -187,15 +156,17 @@ def _blurred(
                     at_x, at_y, size,
                 )  # fmt: skip
             if share > 0.0 and how.weighted:
-                share *= mean_weight(lens, x, y, (at_x, at_y, size))
+                share *= mean_over_pupil(lens, x, y, (at_x, at_y, size))[0]
             total += share
     return total / (math.pi * how.parts**2)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def mean_weight(lens: Record, ex: float, ey: float, disc: tuple[float, float, float]) -> float:
+def mean_over_pupil(
+    lens: Record, ex: float, ey: float, disc: tuple[float, float, float]
+) -> tuple[float, float, float]:
     """Mean of cos^4 of the rays' slopes at the sensor over the part of the pupil that a sensor
-    point sees, within a disc (x, y, radius) of it.
+    point sees, within a disc (x, y, radius) of it; and that part's centre.
     """
     x, y, radius = 0.0, 0.0, 2.0
     if lens.slope != 0.0:
@@ -205,7 +176,7 @@ def mean_weight(lens: Record, ex: float, ey: float, disc: tuple[float, float, fl
     low, high = max(low, lowest), min(high, highest)
     slope_x = lens.slant_x + lens.slant_scale * ex
     slope_y = lens.slant_y + lens.slant_scale * ey
-    light, area = 0.0, 0.0
+    light, area, middle_x, middle_y = 0.0, 0.0, 0.0, 0.0
     for chord in range(CHORDS):
         at = 0.5 * (low + high) - 0.5 * (high - low) * math.cos(math.pi * (chord + 0.5) / CHORDS)
         left, right = lens_chord(x, y, radius, at)
@@ -219,6 +190,8 @@ def mean_weight(lens: Record, ex: float, ey: float, disc: tuple[float, float, fl
         aside = OF_CHORD * lens.slant_spread * (right - left)
         light += weight * mean_cos4(1.0 + along * along, across, aside)
         area += weight
+        middle_x += weight * 0.5 * (left + right)
+        middle_y += weight * at
     if area > 0.0:
-        return light / area
-    return 1.0 / (1.0 + slope_x * slope_x + slope_y * slope_y) ** 2
+        return light / area, middle_x / area, middle_y / area
+    return 1.0 / (1.0 + slope_x * slope_x + slope_y * slope_y) ** 2, 0.0, 0.0

@@ -14,7 +14,7 @@ from flflab.image.effects.motion import Motion
 from flflab.image.fast.columns import add_by_columns
 from flflab.image.fast.dots import add_dots
 from flflab.image.fast.lines import LINE, SHARP, Lines, Sampling, add_pixel_by_pixel
-from flflab.image.fast.profile import Profile, profile_of
+from flflab.image.fast.profile import EVEN, profile_of
 from flflab.image.fast.share import STEEP, share_table
 from flflab.image.landing import linearised
 from flflab.image.microlenses import Lenses, outside
@@ -39,11 +39,7 @@ FINEST = 6e-5  # tolerance that tables keep of what is seen in a blur through a 
 DOTS_LEAVE = 2.5e-2  # over the blur, up to WIDE pixels, and the square of a pixel's parts
 DOTS_SHARP_LEAVE = 0.03  # over the square of the blur, seen through the middle of the pupil
 WIDE, WIDEST = 2.5, 2000.0  # pixels: a wider blur is formed like this one
-PIECE = 16  # rows of a micro-image between two looks whether anybody still waits
-NONE = np.zeros(0)
-EVEN = Profile(
-    np.array([[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros(1, dtype=np.int64), 1.0
-)  # white, seen at 0
+PIECE = 16  # rows between two looks whether anybody waits; columns share work among all
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,6 @@ class Upright:
         by_rows: whether it varies along its rows alone.
         tabulated: width in pixels from which on a vignetting edge is read from a table; pixels on
             narrower ones are cut into parts.
-        sharp: which microlenses see dots through the middle of the pupil.
     """
 
     target: Target
@@ -69,7 +64,6 @@ class Upright:
     by_columns: bool
     by_rows: bool
     tabulated: float
-    sharp: npt.NDArray[np.bool_]
 
 
 def upright(
@@ -93,36 +87,35 @@ def upright(
         lines["pupil"] = lines["across_pupil"] = 0.0
     weighted = scene.falloff is not None
     smear = _smear(scene.motion, plane)
-    bounded = isinstance(plane.target, Bars)
     half_height = plane.target.height / 2 if isinstance(plane.target, Bars) else math.inf
     blur = blur_of(lines, scene.camera.sensor.pixel)
-    narrow = 2 * np.abs(lenses["slope"]) < STEEP * scene.camera.sensor.pixel
+    width = 2 * np.abs(lenses["slope"]) / scene.camera.sensor.pixel
     small = outside(lenses) < STEEP * scene.camera.sensor.pixel
     how = tuple(
         Sampling(
             strips_for(float(one), plane.target, tolerance, weighted),
-            parts_for(plane.target, tolerance, float(one), bool(edge), bool(least)),
+            parts_for(plane.target, tolerance, float(one), float(edge), bool(least)),
             pixel,
             smear,
             half_height,
             weighted,
         )
-        for one, edge, least in zip(blur, narrow, small, strict=True)
+        for one, edge, least in zip(blur, width, small, strict=True)
     )
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel / outside(lenses).max(initial=1e-9)
     askew, across = (float(np.abs(lines[name]).max(initial=0.0)) for name in ("sin", "cos"))
+    bounded = half_height < math.inf
     by_columns = (bounded and askew <= allowed) or isinstance(plane.target, White)
     by_rows = bounded and across <= allowed
-    sharp = DOTS_SHARP_LEAVE * blur**2 <= KEPT * tolerance
     tabulated = tabulated_from(plane.target, tolerance, float(blur.max(initial=0.0)))
-    return Upright(plane.target, lenses, lines, how, by_columns, by_rows, tabulated, sharp)
+    return Upright(plane.target, lenses, lines, how, by_columns, by_rows, tabulated)
 
 
 def lines_of(scene: Scene, plane: Plane, lenses: Lenses) -> Lines:
     """The maps of microlenses to a target, along its direction and across, to first order round
     each microlens's middle ray.
     """
-    landing = linearised(lenses, plane, scene.distortion, np.zeros((len(lenses), 2)))
+    landing = linearised(lenses, plane, scene.distortion)
     along = np.array([1.0, 0.0])
     if isinstance(plane.target, Edge):
         along = np.array([math.cos(plane.target.angle), math.sin(plane.target.angle)])
@@ -158,6 +151,8 @@ def blur_of(lines: Lines, pixel: float) -> Array:
 def strips_for(blur: float, target: Target, tolerance: float, weighted: bool) -> int:
     """How many strips across the pupil a tolerance takes, for a blur in pixels."""
     allowed = KEPT * tolerance
+    if isinstance(target, FourDot):
+        return 1 if DOTS_SHARP_LEAVE * blur**2 <= allowed else FEWEST
     if isinstance(target, White) or SHARP_LEAVES * blur <= allowed:
         return max(FEWEST, math.ceil(math.sqrt(FALLOFF_LEAVES / allowed))) if weighted else 1
     blur = min(blur, WIDEST)
@@ -177,14 +172,14 @@ def tabulated_from(target: Target, tolerance: float, blur: float) -> float:
     return max(STEEP, (TABLE_LEAVES / (KEPT * tolerance)) ** (2 / 3))
 
 
-def parts_for(target: Target, tolerance: float, blur: float, narrow: bool, small: bool) -> int:
+def parts_for(target: Target, tolerance: float, blur: float, edge: float, small: bool) -> int:
     """Parts of a pixel's side: everywhere for dots, else where one point does not stand for it.
 
     Args:
         target: what is formed.
         tolerance: root mean square, of white.
         blur: of a point, pixels.
-        narrow: whether the vignetting edge is narrower than a few pixels.
+        edge: width of the vignetting edge, pixels.
         small: whether the whole micro-image is.
     """
     if isinstance(target, FourDot):
@@ -192,8 +187,9 @@ def parts_for(target: Target, tolerance: float, blur: float, narrow: bool, small
         return min(max(math.ceil(math.sqrt(leaves / (KEPT * tolerance))), 2), 32)
     if isinstance(target, White):
         return 16 if tolerance <= FINE else 6
-    if narrow:
-        return 16 if small else (8 if tolerance < FINE else 4)
+    if edge < STEEP:
+        least = 8 if tolerance < FINE else 4
+        return 16 if small or edge < 1 / 16 else max(math.ceil(1 / edge), least)
     return 2
 
 
@@ -213,18 +209,17 @@ def add_upright(image: Array, scene: Scene, made: Upright) -> None:
     places = pixel_positions(scene.camera.sensor)
     tables = share_tables(lenses, scene.camera.sensor.pixel, made)
     one_by_one = add_by_columns if made.by_columns else add_pixel_by_pixel
-    whole = made.by_columns and not isinstance(target, FourDot)  # they share work among rows
 
     def form(first: int, last: int) -> Iterator[None]:
         for index in range(len(lenses)):
             lens, line, how = lenses[index], made.lines[index], made.how[index]
             top, bottom = max(int(lens["first_row"]), first), min(int(lens["end_row"]), last)
-            for row in range(top, bottom, image.shape[0] if whole else PIECE):
-                rows = row, bottom if whole else min(row + PIECE, bottom)
+            for row in range(top, bottom, image.shape[0] if made.by_columns else PIECE):
+                rows = row, bottom if made.by_columns else min(row + PIECE, bottom)
                 if isinstance(target, FourDot):
                     add_dots(
                         image, lens, line, target.centres, target.diameter / 2, tables[index],
-                        places, rows, how, bool(made.sharp[index]),
+                        places, rows, how,
                     )  # fmt: skip
                 else:
                     one_by_one(image, lens, line, profile, tables[index], places, rows, how)
@@ -254,7 +249,7 @@ def share_tables(lenses: Lenses, pixel: float, made: Upright) -> list[Array]:
     for lens, sampling in zip(lenses, made.how, strict=True):
         wide, reach = abs(float(lens["slope"])), float(lens["reach"])
         if 2 * wide < made.tabulated * pixel:
-            found.append(NONE)
+            found.append(np.zeros(0))
             continue
         key = wide, reach, sampling.pixel
         if key not in known:

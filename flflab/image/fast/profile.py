@@ -35,6 +35,11 @@ class Profile(NamedTuple):
     per_mm: float
 
 
+EVEN = Profile(
+    np.array([[-1e12, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros(1, dtype=np.int64), 1.0
+)  # white everywhere
+
+
 def profile_of(target: Bars | Edge) -> Profile:
     """The radiance of bars or a chirp along x, or of an edge along its normal, mm from the
     centre.
@@ -61,11 +66,6 @@ def profile_of(target: Bars | Edge) -> Profile:
     pieces = np.zeros((len(knots), 4))
     pieces[:-1:2, 0] = 1.0
     return _made(knots, pieces)
-
-
-def stripe(half_width: float) -> Profile:
-    """White between -half_width and half_width, mm."""
-    return _made(np.array([-half_width, half_width]), np.array([[1.0, 0, 0, 0], [0.0, 0, 0, 0]]))
 
 
 def _made(knots: Array, pieces: Array) -> Profile:

@@ -16,6 +16,7 @@ STEPS = 512  # of a table
 # Gauss's points a side of a pixel, of the side, over which a table's entries are means.
 PLACES = (-math.sqrt(0.15), 0.0, math.sqrt(0.15))
 WEIGHTS = (5 / 18, 8 / 18, 5 / 18)
+PARTS = 4  # of a pixel's side, where its vignetting edge is narrow
 STEEP = 6.0  # pixels; where the vignetting edge is narrower, the share is no function of distance
 SIDEWAYS = math.radians(22.5)  # half-way between a pixel's side and its diagonal
 
@@ -41,6 +42,21 @@ def share_in(ex: float, ey: float, side: float, slope: float, reach: float) -> f
     if half <= 0.0 or 2 * abs(slope) > side:
         return share_at(ex, ey, slope, reach)
     return disc_rectangle_area(reach, ex - half, ex + half, ey - half, ey + half) / (side * side)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def share_over(ex: float, ey: float, side: float, slope: float, reach: float) -> float:
+    """Mean share over a pixel round a point, of its parts."""
+    if math.sqrt(ex * ex + ey * ey) + side <= reach - abs(slope):
+        return 1.0
+    parts = 2 if 2 * abs(slope) >= STEEP * side else PARTS
+    part, total = side / parts, 0.0
+    for row in range(parts):
+        y = ey + part * (row + 0.5 - 0.5 * parts)
+        for column in range(parts):
+            x = ex + part * (column + 0.5 - 0.5 * parts)
+            total += share_in(x, y, part, slope, reach)
+    return total / (parts * parts)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

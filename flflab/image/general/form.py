@@ -11,19 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.bands import go_on, in_bands
-from flflab.image.effects.motion import Motion
-from flflab.image.fast.profile import Profile
 from flflab.image.general.rays import (
+    Flat,
     Points,
     Rays,
+    aberrate,
+    flat_of,
     grid,
     land,
     lit_pixels,
-    plane_record,
     rays_of,
     shifted_grid,
 )
-from flflab.image.general.targets import Boxes, Summed, add_light, covered, known_of, seen
+from flflab.image.general.targets import Boxes, Sight, add_light, covered, sight_of
 from flflab.image.landing import Landing, linearised
 from flflab.image.microlenses import Lenses, Record, outside
 from flflab.image.scene import Plane, Scene
@@ -32,8 +32,9 @@ from flflab.targets import Bars, FourDot, Picture
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+Group = tuple[int, Whole, tuple[Array, Array]]
 
-TOGETHER = 96  # rays a side of a tile, at most: they stay in the cache
+TOGETHER = 96  # squared, rays that are formed together: they stay in the cache
 MOST_SIDE = 16  # points a side of the pupil
 PILOT = 3000  # lit pixels
 MORE = 8  # times as many are looked at: targets may be dark in most
@@ -52,17 +53,17 @@ class Surface:
 
     Attributes:
         plane: the target.
-        record: the plane as kernels take it.
+        flat: the plane as kernels take it.
         lenses: ``MICROLENS`` records made for its distance, the same microlenses for all targets.
         landing: first order of each microlens's map to it.
-        known: what is worked out once of what is on it.
+        see: what is seen of what is on it.
     """
 
     plane: Plane
-    record: Record
+    flat: Flat
     lenses: Lenses
     landing: Landing
-    known: Profile | Summed | None
+    see: Sight
 
 
 @dataclass(frozen=True)
@@ -102,9 +103,9 @@ def blocks_of(scene: Scene, lenses: tuple[Lenses, ...], *, defocus: bool, pixel:
         if not defocus:
             own = own.copy()
             own["spread"] = own["lens_spread"] = 0.0
-        landing = linearised(own, plane, scene.distortion, np.zeros((len(own), 2)))
-        record = plane_record(plane, scene.distortion)
-        surfaces.append(Surface(plane, record, own, landing, known_of(plane.target)))
+        landing = linearised(own, plane, scene.distortion)
+        flat = flat_of(plane, scene.distortion)
+        surfaces.append(Surface(plane, flat, own, landing, sight_of(plane.target)))
     return Blocks(scene, tuple(surfaces), pixel, defocus)
 
 
@@ -115,18 +116,17 @@ def add_rays(image: Array, blocks: Blocks, side: int) -> None:
     xs, ys = pixel_positions(blocks.scene.camera.sensor)
     points, lenses = grid(side if blocks.defocus else 1), blocks.surfaces[0].lenses
 
+    pixel, together = blocks.scene.camera.sensor.pixel, max(TOGETHER // side, 8) ** 2
+
     def form(first: int, last: int) -> Iterator[None]:
         for index, lens in enumerate(lenses):
-            for start, end in _tiles(lens, first, last, max(TOGETHER // side, 8)):
-                rows, columns = lit_pixels(
-                    lens, xs, ys, blocks.scene.camera.sensor.pixel, start, end
-                )
-                if len(rows):
-                    places = xs[columns] - lens["x"], ys[rows] - lens["y"]
-                    rays = _rays(blocks, lens, points, places)
-                    light = _light(blocks, index, rays, points)
-                    add_light(image, rows, columns, light, rays.weight, float(lens["level"]))
-                    yield
+            rows, columns = lit_pixels(lens, xs, ys, pixel, (first, last))
+            for start in range(0, len(rows), together):
+                y, x = rows[start : start + together], columns[start : start + together]
+                rays = _rays(blocks, lens, points, (xs[x] - lens["x"], ys[y] - lens["y"]))
+                light = _light(blocks, index, rays, points)
+                add_light(image, y, x, light, rays.weight, float(lens["level"]))
+                yield
 
     in_bands(form, image.shape[0])
 
@@ -137,7 +137,14 @@ def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot
     Two independent references of each pixel are compared with the picture: the mean of (V - A)(V -
     B) is the mean squared error without bias; what it is uncertain by is counted.
     """
-    rows, columns = _lit(blocks)
+    if not blocks.surfaces:
+        return Pilot(2, 0.0, 0.0)
+    columns, rows = (
+        np.random.default_rng(axis).integers(0, size, MORE * PILOT)
+        for axis, size in enumerate(blocks.scene.camera.sensor.resolution)
+    )
+    lit = light_at(blocks, rows, columns, partial(grid, 2)) > LIT
+    rows, columns = rows[lit][:PILOT], columns[lit][:PILOT]
     if not len(rows):
         return Pilot(2, 0.0, 0.0)
     groups = _groups(blocks, rows, columns)
@@ -160,31 +167,6 @@ def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot
     return found
 
 
-def _tiles(
-    lens: Record, first: int, last: int, side: int
-) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """First and end (row, column) of the tiles, so many pixels a side, of a window within a band
-    of rows.
-    """
-    top, bottom = max(int(lens["first_row"]), first), min(int(lens["end_row"]), last)
-    for row in range(top, bottom, side):
-        for column in range(int(lens["first_column"]), int(lens["end_column"]), side):
-            end = min(row + side, bottom), min(column + side, int(lens["end_column"]))
-            yield (row, column), end
-
-
-def _lit(blocks: Blocks) -> tuple[Whole, Whole]:
-    """Rows and columns of random lit pixels."""
-    if not blocks.surfaces:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    columns, rows = (
-        np.random.default_rng(axis).integers(0, size, MORE * PILOT)
-        for axis, size in enumerate(blocks.scene.camera.sensor.resolution)
-    )
-    lit = light_at(blocks, rows, columns, partial(grid, 2)) > LIT
-    return rows[lit][:PILOT], columns[lit][:PILOT]
-
-
 def light_at(blocks: Blocks, rows: Whole, columns: Whole, points: Callable[[], Points]) -> Array:
     """Light of single pixels through all microlenses, of white.
 
@@ -198,23 +180,16 @@ def light_at(blocks: Blocks, rows: Whole, columns: Whole, points: Callable[[], P
     return _summed(blocks, groups, len(rows), points)
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Few pixels that one microlens lights: which, and where from its micro-image's centre, mm."""
-
-    lens: int
-    pixels: Whole
-    x: Array
-    y: Array
-
-
-def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[_Group]:
+def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[Group]:
+    """Few pixels that one microlens lights: the microlens, which of them, and where they lie from
+    its micro-image's centre, mm.
+    """
     xs, ys = pixel_positions(blocks.scene.camera.sensor)
     lenses = blocks.surfaces[0].lenses
     reach = outside(lenses) + blocks.scene.camera.sensor.pixel
     order = np.argsort(ys[rows], kind="stable")
     down = ys[rows[order]]
-    found: list[_Group] = []
+    found: list[Group] = []
     for index, lens in enumerate(lenses):
         first, last = np.searchsorted(down, lens["y"] + reach[index] * np.array([-1.0, 1.0]))
         near = order[first:last]
@@ -223,24 +198,27 @@ def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[_Group]:
         near, ex, ey = near[here], ex[here], ey[here]
         for start in range(0, len(near), SHARED):
             few = slice(start, start + SHARED)
-            found.append(_Group(index, near[few], ex[few], ey[few]))
+            found.append((index, near[few], (ex[few], ey[few])))
     return found
 
 
-def _summed(
-    blocks: Blocks, groups: list[_Group], pixels: int, points: Callable[[], Points]
-) -> Array:
+def _summed(blocks: Blocks, groups: list[Group], count: int, points: Callable[[], Points]) -> Array:
     """Light of so many pixels through all their microlenses: where micro-images overlap, errors
     add up.
     """
-    total = np.zeros(pixels)
-    for one in groups:
-        total[one.pixels] += _values(blocks, one.lens, points(), (one.x, one.y))
+    total = np.zeros(count)
+    for index, pixels, places in groups:
+        total[pixels] += _values(blocks, index, points(), places)
     return total
 
 
 def _rays(blocks: Blocks, lens: Record, points: Points, places: tuple[Array, Array]) -> Rays:
-    return rays_of(lens, points, *places, blocks.pixel, blocks.scene.falloff is not None)
+    scene, array = blocks.scene, blocks.scene.camera.array
+    rays = rays_of(lens, points, *places, blocks.pixel, scene.falloff is not None)
+    if scene.spherical_aberration is not None:
+        marginal = scene.spherical_aberration.marginal
+        aberrate(rays, lens, scene.camera.optical_gap, array.aperture / 2, marginal)
+    return rays
 
 
 def _values(blocks: Blocks, index: int, points: Points, places: tuple[Array, Array]) -> Array:
@@ -259,10 +237,10 @@ def _light(blocks: Blocks, index: int, rays: Rays, points: Points) -> Array:
         light, free = np.zeros_like(total), np.ones_like(total)
         for place, surface in enumerate(blocks.surfaces):
             boxes = _boxes(blocks, surface, index, rays, points, (left_x, left_y))
-            u, v = land(surface.lenses[index], surface.record, rays, moved)
+            u, v = land(surface.lenses[index], surface.flat, rays, moved)
             size = surface.plane.size or (math.inf, math.inf)
             half = size[0] / 2, size[1] / 2
-            here = seen(surface.plane.target, surface.known, u, v, boxes, half)
+            here = surface.see(u, v, boxes, half)
             if surface.plane.size is not None:
                 part = covered(u, v, boxes, *half)
                 here *= part
@@ -316,32 +294,16 @@ def _moments(blocks: Blocks, index: int) -> list[tuple[tuple[float, float], floa
         )
         for one in finite
     )
-    return _shared_out(motion, STILL * footprint)
-
-
-def _shared_out(motion: Motion, still: float) -> list[tuple[tuple[float, float], float, float]]:
-    ways = [(np.asarray(motion.drift), _even), (2 * np.asarray(motion.vibration), _swinging)]
+    still = STILL * footprint or math.inf
+    drift, swing = np.asarray(motion.drift), 2 * np.asarray(motion.vibration)
     counts = [
-        min(math.ceil(float(np.hypot(*way)) / still), MOST_MOMENTS) if still > 0 else 1
-        for way, _ in ways
+        int(np.clip(math.ceil(min(math.hypot(*way) / still, MOST_MOMENTS)), 1, MOST_MOMENTS))
+        for way in (drift, swing)
     ]
-    counts = [max(count, 1) for count in counts]
-    found: list[tuple[tuple[float, float], float, float]] = []
-    (drift, _), (swing, _) = ways
-    for first in _even(counts[0]):
-        for second in _swinging(counts[1]):
-            at = first * drift + second * swing
-            inside = (drift / counts[0]) ** 2
-            inside = inside + (1.5 * swing**2 if counts[1] == 1 else (swing / counts[1]) ** 2)
-            found.append(((float(at[0]), float(at[1])), *np.sqrt(inside).tolist()))
-    return found
-
-
-def _even(count: int) -> Array:
-    """Middles of equal shares of an even way from -1/2 to 1/2."""
-    return (np.arange(count) + 0.5) / count - 0.5
-
-
-def _swinging(count: int) -> Array:
-    """Places of equal shares of a sine's time, from -1/2 to 1/2."""
-    return np.cos(np.pi * (np.arange(count) + 0.5) / count) / 2
+    even, turned = ((np.arange(count) + 0.5) / count for count in counts)
+    left = (drift / counts[0]) ** 2 + (1.5 if counts[1] == 1 else 1.0) * (swing / counts[1]) ** 2
+    return [
+        (tuple((first - 0.5) * drift + math.cos(math.pi * second) / 2 * swing), *np.sqrt(left))
+        for first in even
+        for second in turned
+    ]

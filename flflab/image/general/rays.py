@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.effects.distortion import Distortion
-from flflab.image.fast.share import STEEP, share_at
+from flflab.image.fast.share import STEEP, share_over
 from flflab.image.landing import own_axes
 from flflab.image.microlenses import Record
 from flflab.image.scene import Plane
@@ -25,16 +25,17 @@ Whole = npt.NDArray[np.int64]
 # By how much the midpoints of n parts are drawn together so that their y has the disc's variance.
 DRAWN = (0.0, 0.595, 0.682, 0.737, 0.774, 0.802, 0.822, 0.839)
 MORE_DRAWN = 0.865  # for more points
-PARTS = 4  # of a pixel's side, where its vignetting edge is narrow
-PLANE = np.dtype(
-    [
-        (name, np.float64)
-        for name in (
-            "distance", "vergence", "x", "y", "tilt_x", "tilt_y", "xx", "xy", "yx", "yy",
-            "distortion",
-        )
-    ]
-)  # fmt: skip
+
+
+class Flat(NamedTuple):
+    """A plane as ``land`` takes it; the distance is 0 at infinity, the axes are ``own_axes``."""
+
+    distance: float
+    vergence: float
+    centre: Array
+    tilt: Array
+    axes: Array
+    distortion: float
 
 
 class Points(NamedTuple):
@@ -102,14 +103,15 @@ def shifted_grid(side: int, rng: np.random.Generator) -> Points:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def lit_pixels(
-    lens: Record, xs: Array, ys: Array, pixel: float, first: tuple[int, int], end: tuple[int, int]
+    lens: Record, xs: Array, ys: Array, pixel: float, band: tuple[int, int]
 ) -> tuple[Whole, Whole]:
-    """Rows and columns of a tile's pixels that light of a microlens can reach."""
-    rows = np.empty((end[0] - first[0]) * (end[1] - first[1]), dtype=np.int64)
+    """Rows and columns of the pixels in a band of rows that light of a microlens can reach."""
+    first, end = max(lens.first_row, band[0]), min(lens.end_row, band[1])
+    rows = np.empty(max(end - first, 0) * (lens.end_column - lens.first_column), dtype=np.int64)
     columns = np.empty_like(rows)
     reach, count = lens.reach + abs(lens.slope) + math.sqrt(0.5) * pixel, 0
-    for row in range(first[0], end[0]):
-        for column in range(first[1], end[1]):
+    for row in range(first, end):
+        for column in range(lens.first_column, lens.end_column):
             ex, ey = xs[column] - lens.x, ys[row] - lens.y
             if ex * ex + ey * ey < reach * reach:
                 rows[count], columns[count] = row, column
@@ -140,7 +142,9 @@ def rays_of(
         slope = math.copysign(math.sqrt(slope * slope + pixel * pixel / 3), slope)
     for index in range(pixels):
         if points.exact:
-            share[index] = pixel_share(sensor_x[index], sensor_y[index], pixel, lens)
+            share[index] = share_over(
+                sensor_x[index], sensor_y[index], pixel, lens.slope, lens.reach
+            )
     for point in range(count):
         for index in range(pixels):
             x = sensor_x[index] + points.column[point] * pixel
@@ -172,22 +176,6 @@ def rays_of(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def pixel_share(ex: float, ey: float, pixel: float, lens: Record) -> float:
-    """Share of the full cone in the mean over a pixel."""
-    away, wide = math.sqrt(ex * ex + ey * ey), abs(lens.slope)
-    if away + pixel <= lens.reach - wide:
-        return 1.0
-    parts = 2 if 2 * wide >= STEEP * pixel else PARTS
-    side, total = pixel / parts, 0.0
-    for row in range(parts):
-        y = ey + side * (row + 0.5 - 0.5 * parts)
-        for column in range(parts):
-            x = ex + side * (column + 0.5 - 0.5 * parts)
-            total += share_at(x, y, lens.slope, lens.reach)
-    return total / (parts * parts)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _pupil_point(
     away: float, slope: float, reach: float, z: float, part: float
 ) -> tuple[float, float, float]:
@@ -214,23 +202,30 @@ def _pupil_point(
     return sign * x, sign * y, 3.0 * high * chord * (1.0 - z * z)
 
 
-def plane_record(plane: Plane, distortion: Distortion | None) -> Record:
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def aberrate(rays: Rays, lens: Record, gap: float, rim: float, marginal: float) -> None:
+    """Put rays' sensor points, in place, where first order leads rays that land there by third: a
+    ray through p radii ``rim`` of its microlens lands ``marginal`` |p|^2 p aside.
+    """
+    by_sensor, by_pupil = (1.0 - gap * lens.slant_scale) / rim, -gap * lens.slant_spread / rim
+    for point in range(rays.weight.shape[0]):
+        for index in range(rays.weight.shape[1]):
+            x = by_sensor * rays.sensor_x[point, index] + by_pupil * rays.pupil_x[point, index]
+            y = by_sensor * rays.sensor_y[point, index] + by_pupil * rays.pupil_y[point, index]
+            rays.sensor_x[point, index] -= marginal * (x * x + y * y) * x
+            rays.sensor_y[point, index] -= marginal * (x * x + y * y) * y
+
+
+def flat_of(plane: Plane, distortion: Distortion | None) -> Flat:
     """A plane as ``land`` takes it."""
-    record: Record = np.zeros(1, PLANE)[0]
-    record["distance"] = plane.distance if math.isfinite(plane.distance) else 0.0
-    record["vergence"] = 1 / plane.distance
-    for name, pair in (("", plane.offset), ("tilt_", plane.tilt)):
-        record[f"{name}x"], record[f"{name}y"] = pair
-    axes = own_axes(plane)
-    record["xx"], record["xy"], record["yx"], record["yy"] = axes.ravel()
-    record["distortion"] = 0.0 if distortion is None else distortion.coefficient
-    return record
+    away = plane.distance if math.isfinite(plane.distance) else 0.0
+    coefficient = 0.0 if distortion is None else distortion.coefficient
+    centre, tilt = (np.array(pair, dtype=np.float64) for pair in (plane.offset, plane.tilt))
+    return Flat(away, 1 / plane.distance, centre, tilt, own_axes(plane), coefficient)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def land(
-    lens: Record, plane: Record, rays: Rays, moved: tuple[float, float]
-) -> tuple[Array, Array]:
+def land(lens: Record, plane: Flat, rays: Rays, moved: tuple[float, float]) -> tuple[Array, Array]:
     """Where rays meet a plane that has moved aside by so many mm, in the target's own axes; rad at
     infinity.
 
@@ -241,7 +236,9 @@ def land(
         moved: across the axis, mm.
     """
     u, v = np.empty_like(rays.weight), np.empty_like(rays.weight)
-    x, y = plane.x + moved[0], plane.y + moved[1]
+    x, y = plane.centre[0] + moved[0], plane.centre[1] + moved[1]
+    tilt_x, tilt_y = plane.tilt[0], plane.tilt[1]
+    xx, xy, yx, yy = plane.axes[0, 0], plane.axes[0, 1], plane.axes[1, 0], plane.axes[1, 1]
     for point in range(u.shape[0]):
         for index in range(u.shape[1]):
             ex, ey = rays.sensor_x[point, index], rays.sensor_y[point, index]
@@ -256,9 +253,9 @@ def land(
                 cross_y = lens.lens_spread * ty + lens.lens_scale * ey
                 slope_x = plane.vergence * cross_x - bent * aim_x
                 slope_y = plane.vergence * cross_y - bent * aim_y
-                depth = plane.distance + plane.tilt_x * (cross_x - x) + plane.tilt_y * (cross_y - y)
-                depth /= 1.0 + plane.tilt_x * slope_x + plane.tilt_y * slope_y
+                depth = plane.distance + tilt_x * (cross_x - x) + tilt_y * (cross_y - y)
+                depth /= 1.0 + tilt_x * slope_x + tilt_y * slope_y
                 at_x, at_y = cross_x - depth * slope_x - x, cross_y - depth * slope_y - y
-            u[point, index] = plane.xx * at_x + plane.xy * at_y
-            v[point, index] = plane.yx * at_x + plane.yy * at_y
+            u[point, index] = xx * at_x + xy * at_y
+            v[point, index] = yx * at_x + yy * at_y
     return u, v

@@ -3,6 +3,7 @@ and how much of the light a card stops.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numba
@@ -21,6 +22,9 @@ from flflab.optics.discs import disc_rectangle_area
 from flflab.targets import Bars, Black, Edge, FourDot, Picture, Target
 
 Array = npt.NDArray[np.float64]
+Sight = Callable[[Array, Array, "Boxes", tuple[float, float]], Array]
+
+ENDLESS = (math.inf, math.inf)
 
 
 class Boxes(NamedTuple):
@@ -51,46 +55,28 @@ class Summed(NamedTuple):
     texel: float
 
 
-def seen(
-    target: Target,
-    known: Profile | Summed | None,
-    u: Array,
-    v: Array,
-    boxes: Boxes,
-    half: tuple[float, float],
-) -> Array:
-    """Mean radiance over the box of each ray, as far as it lies on the card: what is on a card is
-    not mixed with what would be beyond its rim.
+def sight_of(target: Target) -> Sight:
+    """What is seen of a target: a function of where rays meet it in its own axes, shape (N, P)
+    each, of the boxes of each pixel's rays, and of its card's half sides, mm, infinite without one.
 
-    Args:
-        target: what is seen.
-        known: what ``known_of`` says of it.
-        u: where the rays meet it, in its own axes, shape (N, P).
-        v: the same.
-        boxes: of each pixel's rays.
-        half: the card's half sides, mm; infinite without one.
+    It gives the mean radiance over the box of each ray, as far as it lies on the card: what is on a
+    card is not mixed with what would be beyond its rim.
     """
-    if isinstance(known, Summed):
-        return see_texels(known, u, v, boxes, half)
-    if isinstance(target, Edge) and known is not None:
-        along = (math.cos(target.angle), math.sin(target.angle))
-        return see_lines(known, u, v, boxes, along, math.inf, (math.inf, math.inf))
-    if isinstance(target, Bars) and known is not None:
-        return see_lines(known, u, v, boxes, (1.0, 0.0), target.height / 2, half)
-    if isinstance(target, FourDot):
-        return see_dots(target.centres, target.diameter / 2, u, v, boxes)
-    return np.full(u.shape, 0.0 if isinstance(target, Black) else 1.0)
-
-
-def known_of(target: Target) -> Profile | Summed | None:
-    """What is worked out once of a target."""
-    if isinstance(target, Bars | Edge):
-        return profile_of(target)
     if isinstance(target, Picture):
         table = np.zeros((target.values.shape[0] + 1, target.values.shape[1] + 1))
         table[1:, 1:] = target.values.cumsum(axis=0).cumsum(axis=1)
-        return Summed(table, target.texel)
-    return None
+        summed = Summed(table, target.texel)
+        return lambda u, v, boxes, half: see_texels(summed, u, v, boxes, half)
+    if isinstance(target, Edge):
+        edge, along = profile_of(target), (math.cos(target.angle), math.sin(target.angle))
+        return lambda u, v, boxes, _: see_lines(edge, u, v, boxes, along, math.inf, ENDLESS)
+    if isinstance(target, Bars):
+        bars, tall = profile_of(target), target.height / 2
+        return lambda u, v, boxes, half: see_lines(bars, u, v, boxes, (1.0, 0.0), tall, half)
+    if isinstance(target, FourDot):
+        centres, radius = target.centres, target.diameter / 2
+        return lambda u, v, boxes, _: see_dots(centres, radius, u, v, boxes)
+    return lambda u, v, boxes, half: np.full(u.shape, 0.0 if isinstance(target, Black) else 1.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -166,18 +152,13 @@ def see_texels(
             y, tall = _clipped(v[point, index], whole_v, half[1])
             x, wide = x / texel + 0.5 * columns, wide / texel
             y, tall = y / texel + 0.5 * rows, tall / texel
-            left, right = _within(x - wide / 2, columns), _within(x + wide / 2, columns)
-            low, high = _within(y - tall / 2, rows), _within(y + tall / 2, rows)
+            left, right = max(x - wide / 2, 0.0), min(x + wide / 2, float(columns))
+            low, high = max(y - tall / 2, 0.0), min(y + tall / 2, float(rows))
             if right > left and high > low:
                 total = _corner(table, high, right) - _corner(table, high, left)
                 total += _corner(table, low, left) - _corner(table, low, right)
                 light[point, index] = total / (wide * tall)
     return light
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _within(place: float, count: int) -> float:
-    return min(max(place, 0.0), float(count))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

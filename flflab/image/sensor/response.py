@@ -5,6 +5,7 @@ own faults.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,7 @@ from flflab.image.effects.shot_noise import ShotNoise
 from flflab.image.sensor.random_numbers import generator, noise_key
 
 Array = npt.NDArray[np.float64]
+Numbers = TypeVar("Numbers", np.uint16, np.float64)
 
 MOST_ELECTRONS = 1e12
 
@@ -78,18 +80,14 @@ def digitise(
     Raises:
         InputError: image or exposure is negative or not finite, or beyond what can be counted.
     """
-    numbers = np.empty(image.shape, dtype=np.uint16)
-    _read_rows(image, electrons_at_white, response, key, numbers)
-    return numbers
+    return _read_rows(image, electrons_at_white, response, key, np.empty(image.shape, np.uint16))
 
 
 def read_out(image: Array, electrons_at_white: float, response: SensorResponse, key: int) -> Array:
     """What ``digitise`` makes numbers of: DN before they are rounded and limited to the range of
     the numbers; see there.
     """
-    signal = np.empty(image.shape)
-    _read_rows(image, electrons_at_white, response, key, signal)
-    return signal
+    return _read_rows(image, electrons_at_white, response, key, np.empty(image.shape))
 
 
 def _read_rows(
@@ -97,8 +95,8 @@ def _read_rows(
     electrons_at_white: float,
     response: SensorResponse,
     key: int,
-    out: npt.NDArray[np.uint16] | Array,
-) -> None:
+    out: npt.NDArray[Numbers],
+) -> npt.NDArray[Numbers]:
     if not (math.isfinite(electrons_at_white) and electrons_at_white >= 0):
         raise InputError(
             f"digitise: electrons_at_white is {electrons_at_white:g}; a finite number from 0 up is"
@@ -115,6 +113,7 @@ def _read_rows(
             yield
 
     in_bands(read, len(image))
+    return out
 
 
 def _signal(means: Array, response: SensorResponse, key: int, row: int) -> Array:
