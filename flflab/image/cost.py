@@ -28,7 +28,7 @@ STRIP = 1.2e-7  # a strip of a pixel of any other line
 PART = 4e-8  # a part of a pixel on a narrow vignetting edge, each strip
 DOT_PART = 1e-8  # a part of a pixel that sees a dot
 BENT = 6e-8  # a pixel in light of one wavelength
-TRANSFER = 2.5e-4  # a table's curve in light of one wavelength
+TRANSFER, OF_DOTS = 3e-4, 1.5e-3  # a table's curve in light of one wavelength, of lines and dots
 RAY = 2e-8  # a ray to one target
 RAYS = 16  # a pixel, where a pilot has not looked
 LENS = 1e-4  # a microlens
@@ -57,7 +57,8 @@ def predicted_seconds(scene: Scene, tolerance: float, effects: frozenset[str]) -
         spent += (PIXEL + RAY * RAYS * len(scene.planes)) * float(lit.sum())
     elif pictured.diffraction is not None and ready.path == "waves":
         kinds = len(kinds_of(ready.made, pictured.diffraction.wavelength))
-        spent += (PIXEL + BENT) * float(lit.sum()) + kinds * RADII * ANGLES * TRANSFER
+        curve = OF_DOTS if isinstance(ready.made.target, FourDot) else TRANSFER
+        spent += (PIXEL + BENT) * float(lit.sum()) + kinds * RADII * ANGLES * curve
     else:
         lit /= (step_of(ready.made, pixel, tolerance) if "overlap" in effects else 1) ** 2
         spent += PIXEL * float(lit.sum()) + _closed_forms(ready.made, lit, pixel)
@@ -86,8 +87,5 @@ def _closed_forms(made: Upright, lit: Array, pixel: float) -> float:
     wide = np.abs(lenses["slope"])
     inner = np.maximum(lenses["reach"] - wide, 0.0)
     edge = np.where(2 * wide < made.tabulated * pixel, 1 - (inner / outside(lenses)) ** 2, 0.0)
-    spent = (
-        PART * parts * strips * edge
-        + (COLUMN_STRIP if made.by_columns or made.by_rows else STRIP) * strips
-    )
-    return float((spent * lit).sum())
+    strip = COLUMN_STRIP if made.by_columns or made.by_rows else STRIP
+    return float((strips * (PART * parts * edge + strip) * lit).sum())

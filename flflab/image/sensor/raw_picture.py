@@ -31,25 +31,16 @@ def raw_picture(
         scale.full_scale, round(scale.offset_dn + scale.dn_per_electron * response.saturation_e)
     )
     pattern = None if colour_filter is None else colour_filter.pattern
-    return RawPicture(
-        numbers,
-        pattern,
-        (black, black, black, black),
-        white,
-        neutral(colour_filter),
-        exposure_s,
-        iso,
-    )
+    blacks = (black, black, black, black)
+    return RawPicture(numbers, pattern, blacks, white, neutral(colour_filter), exposure_s, iso)
 
 
 def neutral(colour_filter: ColourFilter | None) -> tuple[float, float, float]:
     """What a white target gives in red, green and blue, of the largest of the three; all alike
     without filters or through black ones.
     """
-    if (
-        colour_filter is None
-        or min(colour_filter.red, colour_filter.green, colour_filter.blue) == 0
-    ):
+    some = colour_filter
+    if some is None or min(some.red, some.green, some.blue) == 0:
         return 1.0, 1.0, 1.0
-    most = max(colour_filter.red, colour_filter.green, colour_filter.blue)
-    return colour_filter.red / most, colour_filter.green / most, colour_filter.blue / most
+    most = max(some.red, some.green, some.blue)
+    return some.red / most, some.green / most, some.blue / most
