@@ -333,10 +333,12 @@ def _mean_cell(
     pitch = pitch_and_angle(layout, vectors)[0]
     begun = []
     for site in sites:
-        for radius, soft in itertools.product((0.2, 0.32, 0.45, 0.6, 0.75), (0.03, 0.08)):
+        of_site = []
+        for radius, soft in itertools.product((0.2, 0.32, 0.45, 0.52, 0.6, 0.75), (0.03, 0.08)):
             shape = _discs(grid - site, vectors, radius * pitch, soft * pitch)
-            begun.append((*_scaled(shape, values, weights), site, radius, soft))
-    begun = sorted((one for one in begun if one[1] > 0), key=lambda one: one[0])[:6]
+            of_site.append((*_scaled(shape, values, weights), site, radius, soft))
+        of_site = [one for one in of_site if one[1] > 0]
+        begun += [min(of_site, key=lambda one: one[0])] if of_site else []
     if not begun:
         raise MeasurementError(
             "white picture: what repeats in it are no bright spots; a picture of an evenly lit"

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, find_lattice
 from flflab.measurement.lattice.grid import Grid, grid_through
-from flflab.measurement.lattice.index import FEWEST, index_lattice, looks_right
+from flflab.measurement.lattice.index import FEWEST, Indexed, index_lattice, looks_right
 from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, WIDER, X, Y
 from flflab.measurement.lattice.mean_profile import (
     Profile,
@@ -127,10 +127,9 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
     pixels = Pixels(picture, noise, START_MISFIT, max(1, int(rough.radius / SPARSE)))
     indexed = index_lattice(pixels, rough)
     profile, joint = indexed.profile, indexed.joint
-    values = with_light_around(indexed.values, indexed.found)
-    kept = touching(values, picture.shape, profile.end)
-    indices, values, found = indexed.indices[kept], values[kept], indexed.found[kept]
-    every, shape = np.arange(len(values)), picture.shape
+    shape = picture.shape
+    indices, values, found, lit = begun(indexed, shape, profile.end)
+    every = np.arange(len(values))
     neighbours = neighbours_within(values[:, :2], 2 * profile.end)
     slopes, misfit, doubt = unknown_slopes(len(values)), START_MISFIT, None
     for turn, (size, rounds) in enumerate(TURNS):
@@ -147,7 +146,7 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
             pixels = finer(pixels, pixels.misfit, closest)
         prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
         model = Model(profile, neighbours, prior, size, joint)
-        values = fit(pixels, values, every, model, 2 * rounds if joint else rounds)
+        values = fit(pixels, values, lit, model, 2 * rounds if joint else rounds)
         doubt = spread(pixels, values, every, model)
         if turn == LAST - 1:
             slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
@@ -249,16 +248,33 @@ def _light_between(rough: RoughLattice, profile: Profile) -> float:
     return float(profile.table[min(int(middle / profile.step), len(profile.table) - 1), 0])
 
 
-def with_light_around(values: Array, found: Flags) -> Array:
-    """Values with light and ground of those not seen taken from the nearest that were."""
-    filled = values.copy()
+def begun(
+    indexed: Indexed, shape: tuple[int, ...], reach: float
+) -> tuple[Whole, Array, Flags, Whole]:
+    """Micro-images that reach the picture, to begin with.
+
+    Of those not seen, what the border hides is as bright as the nearest that were; on the picture
+    itself they have no light, else they would take that of their neighbours' halo.
+
+    Args:
+        indexed: micro-images with their indices.
+        shape: of the picture, (rows, columns).
+        reach: how far a micro-image reaches, px.
+
+    Returns:
+        Indices, values, which were seen, and the positions of those that may have light.
+    """
+    kept = _touching(indexed.values, shape, reach)
+    values, found = indexed.values[kept], indexed.found[kept]
     _, nearest = KDTree(values[found, :2]).query(values[~found, :2])
     for one in (LIGHT, GROUND, WIDER):
-        filled[~found, one] = values[found][nearest, one]
-    return filled
+        values[~found, one] = values[found][nearest, one]
+    unlit = ~found & inside(values, shape, 0.0)
+    values[unlit, LIGHT] = 0.0
+    return indexed.indices[kept], values, found, np.flatnonzero(~unlit)
 
 
-def touching(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
+def _touching(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
     """Which micro-images reach the picture."""
     top = np.array([shape[1], shape[0]]) - 0.5
     off = values[:, :2] - np.clip(values[:, :2], -0.5, top)

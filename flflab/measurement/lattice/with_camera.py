@@ -52,12 +52,11 @@ from flflab.measurement.lattice.white_picture import (
     START_MISFIT,
     Fitted,
     WhitePicture,
+    begun,
     inside,
     require_contrast,
     require_enough,
-    touching,
     with_grid,
-    with_light_around,
 )
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
@@ -163,9 +162,7 @@ def _fitted(
     """Micro-images fitted with discs, these discs, and what else makes their light."""
     tilting, picture = cone_of(camera).tilting, pixels.picture.shape
     discs, shape = _begun(pixels, rough, indexed, camera)
-    values = with_light_around(indexed.values, indexed.found)
-    kept = touching(values, picture, discs.profile.end)
-    indices, values, found = indexed.indices[kept], values[kept], indexed.found[kept]
+    indices, values, found, lit = begun(indexed, picture, discs.profile.end)
     values[:, WIDER:] = 0.0
     slopes, every = unknown_slopes(len(values)), np.arange(len(values))
     closest = min(discs.profile.radius / CLOSE, math.sqrt(pixels.picture.size / ENOUGH))
@@ -173,7 +170,7 @@ def _fitted(
     for turn, steps in enumerate(STEPS):
         model = _model(pixels, values, discs, rough, slopes)
         values[:, GROUND] = model.prior.mean[:, GROUND]
-        values = fit(pixels, values, every, model, 2 * steps if model.joint else steps)
+        values = fit(pixels, values, lit, model, 2 * steps if model.joint else steps)
         inner = found & inside(values, picture, _border(values, found, picture, discs, rough.pitch))
         require_enough(inner)
         doubt = spread(pixels, values, every, model)
@@ -183,7 +180,7 @@ def _fitted(
             pixels = finer(pixels, pixels.misfit, max(closest, pixels.every // 2))
             # where micro-images overlap far it is hardly told from that
             if turn == len(STEPS) - 2 and discs.profile.end < FAR * rough.pitch:
-                shape = _share_seen(pixels, values, inner, discs, shape, model)
+                shape = _share_seen(pixels, values, inner, lit, discs, shape, model)
         pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
         shape = replace(shape, dark=_dark(pixels, float(np.median(values[inner, LIGHT]))))
         discs = two_discs(discs.radii, shape)
@@ -196,7 +193,7 @@ def _fitted(
     values[:, SLOPE_X:] = slopes.mean
     pixels = finer(pixels, pixels.misfit, closest)
     model = _model(pixels, values, discs, rough, slopes)
-    values = fit(pixels, values, every, model, 2 * LAST if model.joint else LAST)
+    values = fit(pixels, values, lit, model, 2 * LAST if model.joint else LAST)
     doubt = spread(pixels, values, every, model)
     inner = found & inside(values, picture, _border(values, found, picture, discs, rough.pitch))
     misfit = float(np.median(doubt.misfit[inner]))
@@ -218,15 +215,21 @@ def _begun(
 
 
 def _share_seen(
-    pixels: Pixels, values: Array, inner: Flags, discs: TwoDiscs, shape: Shape, model: Model
+    pixels: Pixels,
+    values: Array,
+    inner: Flags,
+    lit: Whole,
+    discs: TwoDiscs,
+    shape: Shape,
+    model: Model,
 ) -> Shape:
     """With the share of fall-off that leaves least of the light, by a parabola through three."""
     looked, left = np.flatnonzero(inner), list[float]()
     # drawn, for a regular choice may see one kind only; neighbours that touch all take part
     some = np.sort(np.random.default_rng(0).permutation(looked)[:SEEN])
     together = bool((model.neighbours >= 0).any())
-    members = np.arange(len(values)) if together else some
-    counted = looked if together else np.arange(len(members))
+    members = lit if together else some
+    counted = np.isin(members, looked)
     for share in SHARES:
         one = replace(model, profile=two_discs(discs.radii, replace(shape, share=share)).profile)
         fitted = fit(pixels, values, members, one, 8 if model.joint else 3)
