@@ -122,12 +122,12 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
 
     light = bench.description.spectrum
     curve = measured.curve
-    if curve is None or not (curve.apart or lenses.focal_length > 0):
+    if curve is None:
         contrast = contrast_draws(camera, placement, cycles_per_mm, light, falloff)
     else:  # each frequency is seen by a few lenses, each of a focal length and a place of its own
         view, seen = np.nonzero(curve.views_share)
         lens = curve.views[view]
-        rise = _rises(measured.lattice.centres_px[lens], camera, errors) if curve.apart else 0.0
+        rise = _rises(measured.lattice.centres_px[lens], camera, errors)
         longer_by = lenses.drawn(numbers_of(measured.lattice.indices[lens]), draws)[..., FOCAL]
         alone = contrast_draws(
             camera, placement, cycles_per_mm[seen], light, falloff, 1 + longer_by, rise
