@@ -67,7 +67,7 @@ def contrast_json(curve: ContrastCurve, along: str) -> list[dict[str, Any]]:
             "cycles_per_mm": float(curve.cycles_per_mm[k]),
             "contrast": float(curve.contrast[k]),
             "uncertainty": float(curve.uncertainty[k]),
-            "dof": _number(curve.freedom[k]) if len(curve.views_share) else None,
+            "dof": _number(curve.freedom[k]),
             "microlens_focal_length_mm": curve.focal_length,
             "views": int(np.count_nonzero(np.isfinite(curve.views_contrast[:, k]))),
             "extremes": float(curve.extremes[k]),

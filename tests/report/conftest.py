@@ -126,9 +126,10 @@ def measure(
     zeros = np.zeros(len(FREQUENCIES))
     across, _ = target_scales(model.camera, configuration.distance)
     curve = ContrastCurve(
-        focal_length=0.917, views=np.zeros(0, dtype=np.int64),
-        views_contrast=np.zeros((0, len(FREQUENCIES))),
-        views_uncertainty=np.zeros((0, len(FREQUENCIES))),
+        focal_length=0.917, views=np.zeros(1, dtype=np.int64),
+        views_contrast=np.full((1, len(FREQUENCIES)), np.nan),
+        views_uncertainty=np.full((1, len(FREQUENCIES)), np.nan),
+        views_share=np.ones((1, len(FREQUENCIES))),
         cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
         covariance=1e-6 * np.eye(len(FREQUENCIES)), extremes=zeros, extremes_uncertainty=zeros,
         classic=zeros + 0.9, classic_uncertainty=zeros + 0.01,

@@ -8,6 +8,7 @@ import pytest
 from scipy.special import j1, jv
 
 from flflab.bench import Bench
+from flflab.measurement.lattice.registration import sensor_pixel
 from flflab.optics.airy import airy_diameter, diffraction_contrast
 from flflab.optics.focus import blur, magnification
 from flflab.report import charts
@@ -53,9 +54,10 @@ def test_the_predicted_contrast_has_the_fall_off_that_the_white_picture_shows(
     errors, first = drawn_errors(bench, 20, np.random.default_rng(0)), evaluation.measured[0]
     blurred = replace(first, worlds=first.worlds | {"target.z": -480.0})
     assert blurred.curve is not None
-    lattices = [
-        replace(first.lattice, slants=np.array([share, 0.0, 0.0, 0.0])) for share in (0.0, 1.0)
-    ]
+    camera = first.configuration.camera(bench.optics)
+    middle = sensor_pixel(camera.sensor, np.zeros((1, 2)))  # where no tilt moves a lens
+    on_axis = replace(first.lattice, centres_px=np.tile(middle, (len(first.lattice.indices), 1)))
+    lattices = [replace(on_axis, slants=np.array([share, 0.0, 0.0, 0.0])) for share in (0.0, 1.0)]
     even, shaded = (
         predict(replace(blurred, lattice=lattice), study, bench, errors) for lattice in lattices
     )

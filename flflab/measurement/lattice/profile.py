@@ -4,8 +4,8 @@ slanted rays, averaged over the pixel.
 At e from the micro-image's centre the pupil points v with |v| <= small and |v - e| <= large send
 light, each along a ray that meets the sensor at the slope slant + s, s linear in e and v; it brings
 cos^4 = (1 + |slant + s|^2)^-2 of its light. ``slant``, the slope of the micro-image's middle ray,
-grows with its distance from the axis. The light is a series in it, tabulated against |e|: its first
-terms are symmetric(|e|) + (slant . e/|e|) lopsided(|e|). Source: physics.md, "One SMMS" and "Exact
+grows with its distance from the axis. Tabulated against |e| is the light to first order in it:
+symmetric(|e|) + (slant . e/|e|) lopsided(|e|). Source: physics.md, "One SMMS" and "Exact
 image of a flat target".
 """
 
@@ -23,9 +23,7 @@ from flflab.optics.resolution import central_smms
 
 Array = npt.NDArray[np.float64]
 
-VALUE, SQUARE, BY_RADIUS, BY_LARGE, BY_SMALL, FALLOFF, LOPSIDED = range(7)
-ORDERS = slice(7, 11)  # what slant^2, (slant . e/|e|)^2 and their products with slant . e/|e| add
-_COLUMNS = 11
+VALUE, BY_LARGE, BY_SMALL, FALLOFF, LOPSIDED = range(5)
 SMALLEST_PX = 0.05  # radius of a disc: a smaller one cannot be told from it
 NUDGE = 0.01  # px by which a radius is moved for its derivative
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -72,16 +70,14 @@ def cone_of(camera: Camera) -> Cone:
 
 @dataclass(frozen=True)
 class ProfileTable:
-    """The pixel-averaged profile against the distance of the pixel's centre from the micro-image's.
-
-    A square pixel sees an edge along its side sharper than one along its diagonal, so the average
-    is value(r) + square(r) cos(4 theta), theta the direction from the micro-image's centre.
+    """The pixel-averaged profile against the distance of the pixel's centre from the micro-image's,
+    in the mean over directions of square pixels.
 
     Attributes:
         step: distance between entries, px.
-        values: columns: value, square, and of the value the derivatives by the distance, by the
-            larger and by the smaller radius, and by the share of the fall-off that is counted; last
-            what a unit of slant adds along its direction, and higher orders; (n, 11).
+        values: columns: value, and of it the derivatives by the larger and by the smaller radius,
+            and by the share of the fall-off that is counted; last what a unit of slant adds along
+            its direction; (n, 5).
     """
 
     step: float
@@ -97,17 +93,11 @@ class ProfileTable:
 def _add_ray(
     means: Array, weight: float, s: float, w: float
 ) -> None:  # pragma: no cover - compiled
-    """(1 + |slant + s|^2)^-2 by powers of the slant: q^-2 - 2 d q^-3 + 3 d^2 q^-4 - 4 d^3 q^-5, d =
-    2 slant . s + slant^2, q = 1 + s^2.
-    """
+    """(1 + |slant + s|^2)^-2 by powers of the slant: q^-2 - 4 (slant . s) q^-3, q = 1 + s^2."""
     q = 1 + s * s + w * w
     second = weight / (q * q)
     means[0] += second
     means[1] -= 4 * s * second / q
-    means[2] -= 2 * second / q
-    means[3] += 12 * s * s * second / (q * q)
-    means[4] += 12 * s * second / (q * q)
-    means[5] -= 32 * s * s * s * second / (q * q * q)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -121,9 +111,7 @@ def _pupil_means(
     nodes: Array,
     weights: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Means over the common region of the light by powers of the slant: even, odd, then second and
-    third order.
-    """
+    """Means over the common region of the light, even and odd in the slant."""
     by_pupil = rim / small
     low, corners, high = common_span(small, large, r)
     area = 0.0
@@ -161,8 +149,8 @@ def _tabulate(
 ) -> Array:  # pragma: no cover - compiled
     outside = large + small
     count = math.ceil((outside + 1.0) / step) + 1
-    table = np.zeros((count, _COLUMNS))
-    means = np.zeros((_RADII, 6))
+    table = np.zeros((count, 5))
+    means = np.zeros((_RADII, 2))
     spacing = outside / (_RADII - 1)
     for n in range(_RADII):
         _pupil_means(means[n], n * spacing, large, small, by_place, rim, chord, chord_weights)
@@ -188,7 +176,7 @@ def _tabulate(
             # along a side, along the diagonal and between: so that the eighth of a turn of the
             # direction is averaged out of the value
             angle, part = 0.125 * math.pi * turn, 0.5 if turn == 1 else 0.25
-            cos, sin, square = math.cos(angle), math.sin(angle), 0.5 * (1 - turn)
+            cos, sin = math.cos(angle), math.sin(angle)
             for p in range(len(gauss)):
                 for q in range(len(gauss)):
                     gx, gy = 0.5 * gauss[p], 0.5 * gauss[q]
@@ -198,7 +186,6 @@ def _tabulate(
                     t = place - k
                     value = fine[k, 0] + t * (fine[k + 1, 0] - fine[k, 0])
                     table[n, VALUE] += part * weight * value
-                    table[n, SQUARE] += square * weight * value
                     table[n, BY_LARGE] += (
                         part * weight * (fine[k, 1] + t * (fine[k + 1, 1] - fine[k, 1]) - value)
                     )
@@ -210,15 +197,10 @@ def _tabulate(
         even = means[k, 0] + (place - k) * (means[k + 1, 0] - means[k, 0])
         pure = table[n, VALUE] / (1 + share * (even - 1))
         table[n, FALLOFF] = pure * (even - 1)
-        for m in range(1, 6):
-            table[n, LOPSIDED + m - 1] = pure * (
-                means[k, m] + (place - k) * (means[k + 1, m] - means[k, m])
-            )
+        table[n, LOPSIDED] = pure * (means[k, 1] + (place - k) * (means[k + 1, 1] - means[k, 1]))
     for n in range(count - 2):
         table[n, BY_LARGE] /= NUDGE
         table[n, BY_SMALL] /= NUDGE
-        if 0 < n < count - 3:
-            table[n, BY_RADIUS] = (table[n + 1, VALUE] - table[n - 1, VALUE]) / (2 * step)
     # straight lines between points of a bend lie to one side of it: entries between which they lie
     # on both sides alike
     before = table[1, VALUE]

@@ -8,7 +8,7 @@ lens (m = 0); along = -D/(L + b), the ray through the main lens's centre. From s
 + (b/f) y_i and o V = m W - q/L (physics.md, "One SMMS").
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera, Sensor, microlens_centres, microlens_types
-from flflab.optics.focus import blur, signed_blur
+from flflab.optics.focus import blur
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms, image_offset
 
@@ -114,56 +114,6 @@ def scales_of(smms: Smms, distance: float) -> tuple[float, float]:
     else:
         across = -1 / (float(smms.kappa) * float(smms.distance) * vergence)
     return across, -distance / float(smms.distance + smms.gap)
-
-
-def tilted_smms(lattice: Lattice, smms: Smms) -> Smms:
-    """The system of each of the lattice's micro-images: its microlens lies rise L further from the
-    main lens and nearer to the sensor.
-    """
-    away = lattice.rises * float(smms.distance)
-    return replace(smms, distance=smms.distance + away, gap=smms.gap - away)
-
-
-def tilted_scales(lattice: Lattice, smms: Smms, distance: float) -> Array:
-    """``across`` of each of the lattice's micro-images over that of an array without its tilt,
-    shape (n,); ``along`` is the same.
-    """
-    there = tilted_smms(lattice, smms)
-    if float(smms.lens_width) >= float(smms.microlens_width):
-        return (
-            image_offset(there, 1 / distance)
-            / there.gap
-            / (image_offset(smms, 1 / distance) / smms.gap)
-        )
-    return smms.kappa * smms.distance / (there.kappa * there.distance)
-
-
-def tilted_levels(lattice: Lattice, smms: Smms) -> Array:
-    """Full light of each of the lattice's micro-images over that of an array without its tilt,
-    shape (n,): its cone is as steep.
-    """
-    there = tilted_smms(lattice, smms)
-    return (there.limiting_radius / there.gap / (smms.limiting_radius / smms.gap)) ** 2
-
-
-def defocus_apart(lattice: Lattice, smms: Smms, distance: float) -> Array:
-    """By how much the disc of blur of each micro-image is wider than that on the axis, mm, signed
-    as the defocus is; shape (n,).
-    """
-    return signed_blur(tilted_smms(lattice, smms), 1 / distance) - signed_blur(smms, 1 / distance)
-
-
-def defocus_by_tilt(lattice: Lattice, smms: Smms, distance: float) -> Array:
-    """What a standard uncertainty of the slope along x, and of that along y, changes of
-    ``defocus_apart``; shape (2, n).
-    """
-    here = defocus_apart(lattice, smms, distance)
-    slopes = lattice.sure_tilt + np.diag(lattice.tilt_uncertainty)
-    apart = [
-        defocus_apart(replace(lattice, tilt=slope, tilt_uncertainty=np.zeros(2)), smms, distance)
-        for slope in slopes
-    ]
-    return np.stack(apart) - here
 
 
 def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:

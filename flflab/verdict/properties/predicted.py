@@ -133,12 +133,12 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
 
     def contrast(curve: ContrastCurve | None) -> Array:
         at = np.zeros(0) if curve is None else curve.cycles_per_mm
-        if curve is None or not (curve.apart or lenses.focal_length > 0):
+        if curve is None:
             return contrast_draws(camera, placement, at, light, falloff)
         # each frequency is seen by a few lenses, each of a focal length and a place of its own
         view, seen = np.nonzero(curve.views_share)
         lens = curve.views[view]
-        rise = _rises(measured.lattice.centres_px[lens], camera, errors) if curve.apart else 0.0
+        rise = _rises(measured.lattice.centres_px[lens], camera, errors)
         longer_by = lenses.drawn(numbers_of(measured.lattice.indices[lens]), draws)[..., FOCAL]
         alone = contrast_draws(camera, placement, at[seen], light, falloff, 1 + longer_by, rise)
         weight = np.zeros((len(seen), len(at)))
