@@ -57,7 +57,7 @@ LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 # contrast
 MOST_SMEAR = 0.02
 FIRST_RUN, MOST_ROWS = 16, 128  # pixels of a run while the bars' slant is not known, and after
-ROUNDS, CLOSE = 2, 1e-3  # of the whole fit; fall of chi squared that ends a part of it
+CLOSE = 0.03  # fall of chi squared that ends a part of the fit
 # of contrast: views of one column share the pixels' phase, which their scatter cannot show; out of
 # focus what falls off over the cone besides
 FLOOR, FLOOR_A_BLUR_PX = 3e-4, 5e-5
@@ -236,13 +236,13 @@ def _fit_type(frame: Frame) -> ContrastCurve:
     runs = runs_of(frame, pixels, FIRST_RUN)
     diameter = float(blur(frame.smms, 1 / frame.distance)) / frame.scale
     model = model_of(runs, frame.target, frame.camera.sensor.pixel, frame.start, diameter)
-    fit, weight = search(scattered(runs, MOST_RUNS), model, frame.target), np.zeros(0)
+    fit = search(scattered(runs, MOST_RUNS), model, frame.target)
     smear = abs(float(fit.common[2])) * model.pixel * max(frame.target.cycles_per_mm)
     runs = runs_of(frame, pixels, int(np.clip(MOST_SMEAR / max(smear, 1e-9), 1, MOST_ROWS)))
-    for n in range(ROUNDS):
-        fit, model, weight = fitted(runs, model, each_alone(runs, model, fit), 2, CLOSE)
-        if frame.gains is not None and n < ROUNDS - 1:
-            runs = _with_fitted_gains(runs, model, fit)
+    fit, model, weight = fitted(runs, model, each_alone(runs, model, fit), 2, CLOSE)
+    if frame.gains is not None:
+        runs = _with_fitted_gains(runs, model, fit)
+        fit, model, weight = fitted(runs, model, fit, 2, CLOSE)
     return _curve(frame, pixels, runs, model, fit, weight)
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.special import j1
 
-from flflab.optics.contrast import disc_transfer
 from flflab.targets import Bars
 
 Array = npt.NDArray[np.float64]
@@ -85,7 +85,8 @@ def transfer(frequency: Array, pixel: float, squares: Array) -> Array:
     """Of a pixel and discs of so large squares of their diameters, mm^2, at frequencies in
     cycles/mm.
     """
-    return np.sinc(frequency * pixel) * disc_transfer(np.sqrt(np.maximum(squares, 0.0)), frequency)
+    z = np.pi * np.sqrt(np.maximum(squares, 0.0)) * np.abs(frequency) + 1e-9
+    return np.sinc(frequency * pixel) * 2 * j1(z) / z
 
 
 @numba.njit(nogil=True, cache=True)
