@@ -42,6 +42,7 @@ LIT = 1e-3  # of white
 PILOT_SIDE = 10  # points a side of the pupil, for each quarter of a pixel, in either reference
 PILOT_TOLERANCE = 2e-3  # that they are good for; finer ones take more
 SHARED = 8  # pixels of a reference that share their points
+ALIKE = 64  # pixels that are tried together
 STILL = 0.5  # of a pixel's footprint: motion up to it widens a ray's box
 MOST_MOMENTS = 64
 KEPT = 0.85  # of the tolerance: what the pilot's estimate must be within
@@ -143,14 +144,15 @@ def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot
         np.random.default_rng(axis).integers(0, size, MORE * PILOT)
         for axis, size in enumerate(blocks.scene.camera.sensor.resolution)
     )
-    lit = light_at(blocks, rows, columns, partial(grid, 2)) > LIT
+    every = _groups(blocks, rows, columns, ALIKE)
+    lit = _summed(blocks, every, len(rows), partial(grid, 2)) > LIT
     rows, columns = rows[lit][:PILOT], columns[lit][:PILOT]
     if not len(rows):
         return Pilot(2, 0.0, 0.0)
-    groups = _groups(blocks, rows, columns)
+    groups, few = (_groups(blocks, rows, columns, most) for most in (ALIKE, SHARED))
     fine = math.ceil(PILOT_SIDE * min(max(math.sqrt(PILOT_TOLERANCE / tolerance), 1.0), 3.0))
     first, second = (
-        _summed(blocks, groups, len(rows), partial(shifted_grid, fine, rng))
+        _summed(blocks, few, len(rows), partial(shifted_grid, fine, rng))
         for rng in np.random.default_rng(1).spawn(2)
     )
     found = Pilot(1, math.inf, math.inf)
@@ -176,13 +178,13 @@ def light_at(blocks: Blocks, rows: Whole, columns: Whole, points: Callable[[], P
         columns: the same.
         points: gives points of the pupil, anew for each microlens and few pixels.
     """
-    groups = _groups(blocks, rows, columns)
+    groups = _groups(blocks, rows, columns, SHARED)
     return _summed(blocks, groups, len(rows), points)
 
 
-def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[Group]:
-    """Few pixels that one microlens lights: the microlens, which of them, and where they lie from
-    its micro-image's centre, mm.
+def _groups(blocks: Blocks, rows: Whole, columns: Whole, most: int) -> list[Group]:
+    """Pixels, not more than ``most``, that one microlens lights: the microlens, which of them, and
+    where they lie from its micro-image's centre, mm.
     """
     xs, ys = pixel_positions(blocks.scene.camera.sensor)
     lenses = blocks.surfaces[0].lenses
@@ -196,8 +198,8 @@ def _groups(blocks: Blocks, rows: Whole, columns: Whole) -> list[Group]:
         ex, ey = xs[columns[near]] - lens["x"], ys[rows[near]] - lens["y"]
         here = ex * ex + ey * ey < reach[index] ** 2
         near, ex, ey = near[here], ex[here], ey[here]
-        for start in range(0, len(near), SHARED):
-            few = slice(start, start + SHARED)
+        for start in range(0, len(near), most):
+            few = slice(start, start + most)
             found.append((index, near[few], (ex[few], ey[few])))
     return found
 
