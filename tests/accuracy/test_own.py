@@ -24,6 +24,7 @@ def rows() -> Rows:
     return scene_rows(bench_scene(4.0, 900.0, (160, 120)), lambda doing: None)
 
 
+@pytest.mark.ci
 def test_what_is_asked_of_a_picture_is_kept_against_independent_rays(rows: Rows) -> None:
     every, uncertainty = rows
     assert uncertainty < 1e-3

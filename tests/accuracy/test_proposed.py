@@ -23,6 +23,7 @@ def seen_through(camera: Camera, aperture: float) -> Camera:
     return replace(camera, array=replace(camera.array, aperture=aperture))
 
 
+@pytest.mark.ci
 def test_first_order_is_proposed_to_hold_where_apertures_are_small(camera: Camera) -> None:
     """Spherical aberration blurs by the cube of an aperture."""
     microlens = plano_convex_microlens(RADIUS, INDEX)

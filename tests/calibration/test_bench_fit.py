@@ -205,6 +205,7 @@ def test_a_main_lens_off_is_not_taken_for_a_target_off(small: BenchModel, off: f
     assert np.abs(scores(fit_bench(small, drawn(small, truth, rng)), truth)).max() < 4
 
 
+@pytest.mark.ci
 def test_what_a_zero_hides_in_others_is_what_they_are_off_by(small: BenchModel) -> None:
     rng = np.random.default_rng(4)
     truth = hidden(small, rng)
@@ -223,6 +224,7 @@ def test_what_a_zero_hides_in_others_is_what_they_are_off_by(small: BenchModel) 
         )
 
 
+@pytest.mark.ci
 def test_more_than_noise_leaves_and_what_a_zero_hides_are_said(small: BenchModel) -> None:
     seen = drawn(small, small.nominal, np.random.default_rng(1))
     surer = [replace(one, covariance=one.covariance / 9) for one in seen]

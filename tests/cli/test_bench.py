@@ -199,6 +199,7 @@ def test_80_columns_show_serial_numbers_names_and_limits_whole_and_a_pipe_one_li
     )
 
 
+@pytest.mark.ci
 def test_a_simulated_bench_stands_where_the_last_command_left_it(
     flflab: Run, root: Path, tmp_path: Path
 ) -> None:

@@ -97,6 +97,7 @@ def test_a_reader_who_has_gone_is_told_nothing(arguments: tuple[str, ...]) -> No
     assert (ended.returncode, ended.stderr) == (1, "")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("printing", "accepted", "code"),
     [

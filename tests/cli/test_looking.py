@@ -105,6 +105,7 @@ def shown(served: Served) -> str:
     return served.world.target_name(served.world.clock.now())
 
 
+@pytest.mark.ci
 def test_a_scan_shows_a_target_that_can_be_in_focus_says_so_and_how_to_go_there(
     flflab: Run, in_focus: tuple[Served, Path]
 ) -> None:
@@ -129,6 +130,7 @@ def test_a_scan_shows_a_target_that_can_be_in_focus_says_so_and_how_to_go_there(
     assert shown(served) == "edge"
 
 
+@pytest.mark.ci
 def test_a_scan_asks_a_person_for_the_target_where_none_turns_the_wheel(
     flflab: Run, in_focus: tuple[Served, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -173,6 +173,7 @@ def test_the_area_s_corners_stand_in_the_json() -> None:
     }
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "name", ["osinski", pytest.param("osinski-galilean", marks=pytest.mark.ci)]
 )

@@ -89,6 +89,7 @@ def test_numbers_are_written_when_a_person_saw_each_axis_move_and_hold_from_then
         pass
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo terminals")
 def test_exchanged_devices_are_refused_and_pinned_over_only_where_that_is_asked_for(
     bench: tuple[Served, Path],

@@ -82,6 +82,7 @@ def test_the_micro_images_of_all_pictures_lie_where_the_camera_file_says(
     assert np.sqrt(np.mean(off**2)) < 0.2
 
 
+@pytest.mark.ci
 def test_views_land_where_the_model_says_in_every_frame_after_one_rotation(
     compared: Comparison, frames: dict[int, FrameAgreement]
 ) -> None:
@@ -91,6 +92,7 @@ def test_views_land_where_the_model_says_in_every_frame_after_one_rotation(
     assert np.all(uncertainty < 3e-4)
 
 
+@pytest.mark.ci
 def test_the_second_detection_needs_no_rotation(again: Comparison) -> None:
     assert len(again.frames) == 8
     assert max(frame.residual_px for frame in again.frames) < 1.0

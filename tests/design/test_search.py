@@ -43,6 +43,7 @@ def undominated(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> se
     return found
 
 
+@pytest.mark.ci
 def test_every_configuration_is_sharp_where_it_says_and_has_the_figures_of_its_camera(
     wanted: Wanted, tmp_path: Path
 ) -> None:

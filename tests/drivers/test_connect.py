@@ -266,6 +266,7 @@ def test_what_simulates_a_bench_is_told_its_file_and_the_seed_that_it_has_now(
         connect_described(with_seed(read_bench(file), 4711))
 
 
+@pytest.mark.ci
 def test_a_simulated_bench_is_asked_for_its_first_frame_when_what_draws_it_is_compiled(
     root: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -93,6 +93,7 @@ def test_a_stage_that_is_held_is_lost_though_its_counter_agrees_with_itself(
         bench.sensor_stage.move_to(0.0).wait(20)  # away from it
 
 
+@pytest.mark.ci
 def test_a_stage_that_failed_and_says_that_it_moves_on_and_on_may_be_anywhere(
     file: Path, stages: list[Any]
 ) -> None:

@@ -161,6 +161,7 @@ def wait(axis: ThorlabsAxis | OrientalAxis) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("to_host", "echo"),
     [(source_zero, False), (one_by_one, False), (as_it_is, True), (source_zero, True)],

@@ -143,6 +143,7 @@ def run_without_a_place(
     assert list(home.rglob("*.nbi")) == []
 
 
+@pytest.mark.ci
 def test_where_no_kernel_can_be_kept_a_command_and_its_children_share_a_temporary_folder(
     run_without_a_place: Callable[[str], "subprocess.CompletedProcess[str]"], tmp_path: Path
 ) -> None:

@@ -134,6 +134,7 @@ def test_a_white_card_before_white_cannot_be_seen(small: Camera) -> None:
     assert np.abs(render(hidden) - plain).max() < 0.002
 
 
+@pytest.mark.ci
 def test_a_small_card_changes_nothing_away_from_its_picture(small: Camera) -> None:
     plain = render(one_plane(small, Bars(), 506.7))
     card = Plane(Picture(np.zeros((1, 1)), 0.3), 506.0, (0.5, 0.3), size=(0.3, 0.3))
@@ -147,6 +148,7 @@ def test_a_white_card_is_a_white_picture_of_its_size(small: Camera) -> None:
     assert np.abs(render(card) - render(picture)).max() < 0.003
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("motion", [Motion(drift=(0.25, -0.1)), Motion(vibration=(0.1, 0.05))])
 def test_a_moving_target_is_the_mean_of_standing_ones(small: Camera, motion: Motion) -> None:
     phase = (np.arange(300) + 0.5) / 300
@@ -189,6 +191,7 @@ def test_half_the_radiance_is_half_the_light(small: Camera) -> None:
     assert np.sqrt(np.mean(apart**2)) < 3 * TOLERANCE  # each is within it, the half one twice
 
 
+@pytest.mark.ci
 def test_bars_that_move_by_half_a_period_are_the_mean_of_bars_that_stand(small: Camera) -> None:
     fine, way, count = Chirp((9.0, 9.2), 6.0, 6.0), 0.055, 64
     moving = render(replace(one_plane(small, fine, 500.0), motion=Motion(drift=(way, 0.0))))

@@ -43,6 +43,7 @@ def exposed(camera: Camera, target: Target, seed: int) -> Array:
     return np.clip(np.rint(dn), 0, NOISE.full_scale_dn)
 
 
+@pytest.mark.ci
 def test_the_json_says_along_which_axis_contrast_was_measured() -> None:
     camera = small_camera()
     white = exposed(camera, White(), 1)
@@ -55,6 +56,7 @@ def test_the_json_says_along_which_axis_contrast_was_measured() -> None:
             assert 0 <= view["centre_px"][1] <= height
 
 
+@pytest.mark.ci
 def test_a_turned_lattice_is_that_of_the_turned_picture() -> None:
     camera = small_camera()
     camera = replace(camera, array=replace(camera.array, roll=0.004, offset=(0.02, -0.03)))

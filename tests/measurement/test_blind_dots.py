@@ -38,6 +38,7 @@ def taken(
     return brute.expose(render(scene, tolerance=1e-3), NOISE, 3000, np.random.default_rng(3))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("f_number", "distance", "aside", "turn", "told"),
     [

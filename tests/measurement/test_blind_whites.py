@@ -55,6 +55,7 @@ def stated(found: MeasuredWhite) -> np.ndarray:
     return np.hypot(own, white.definition_px[:, None])[white.whole]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "name",
     [
@@ -130,6 +131,7 @@ def test_an_even_picture_of_an_exact_array_is_not_remarked_on(white_pictures: An
     assert codes(picture) == ["noise-estimated"]
 
 
+@pytest.mark.ci
 def test_saturated_warm_and_striped_sensors_are_remarked(white_pictures: Any) -> None:
     rng = np.random.default_rng(3)
     spec = white_pictures.WhiteSpec(shape=(500, 600), pitch=40.0)

@@ -151,6 +151,7 @@ def test_bright_fields_of_a_few_pixels_are_refused(brute: Any) -> None:
         )
 
 
+@pytest.mark.ci
 def test_without_noise_the_bias_is_below_three_in_a_hundred_thousand(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     white, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
@@ -270,6 +271,7 @@ def test_a_sine_chirp_gives_the_same_curve(brute: Any) -> None:
     assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
 
 
+@pytest.mark.ci
 def test_falling_frequencies_are_bars_too(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     target = Bars(cycles_per_mm=(8.0, 1.0))
@@ -279,6 +281,7 @@ def test_falling_frequencies_are_bars_too(brute: Any) -> None:
     assert np.abs(curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)).max() < 5e-3
 
 
+@pytest.mark.ci
 def test_a_sensor_that_stands_off_by_a_hundredth_of_the_gap_is_still_measured(brute: Any) -> None:
     real = brute.camera(4.0, RESOLUTION)
     nominal = replace(real, sensor=replace(real.sensor, distance=real.sensor.distance + 0.0115))
@@ -328,6 +331,7 @@ def fresnel_picture(
     return picture
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("modulation", "allowed"), [(0.5, 0.0005), (0.02, 0.005)])
 def test_the_bias_is_a_two_thousandth_at_modulation_a_half_and_half_a_per_cent_at_two_per_cent(
     brute: Any, modulation: float, allowed: float

@@ -42,6 +42,7 @@ def seen_on_target(camera: Camera) -> tuple[float, float]:
     return (away - image) / gap * FOCUS / image, -FOCUS / (away + gap)
 
 
+@pytest.mark.ci
 def test_from_three_tenths_of_a_cycle_off_the_fit_settles_on_the_same_contrast(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     _, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)

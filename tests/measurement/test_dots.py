@@ -209,6 +209,7 @@ def test_what_spoils_a_spot_spoils_no_depth_and_what_leaves_none_is_named(brute:
         depths(dots[1:])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("longer", [0.0, 0.002])
 def test_a_main_lens_that_is_longer_than_described_scales_dots_as_the_bench_has_them(
     brute: Any, longer: float

@@ -57,6 +57,7 @@ WIDE = replace(SIMILAR[0], main_lens=MainLens(65.647, 3.2))  # whose micro-image
 SLOW = pytest.mark.ci
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("camera", "target", "distance", "most_mm"),
     [
@@ -87,6 +88,7 @@ def test_every_kind_puts_the_dots_where_they_are(
         assert dot.uncertainty_mm[2] < most_mm
 
 
+@pytest.mark.ci
 def test_without_a_white_picture_they_are_refused_since_nothing_shows_how_light_falls_off() -> None:
     target = FourDot(diameter=6.0, spacing=20.0)
     picture = 64 + 3000 * render(one_plane(GALILEAN, target, 900.0), tolerance=1e-3)
@@ -94,6 +96,7 @@ def test_without_a_white_picture_they_are_refused_since_nothing_shows_how_light_
         measure(picture, GALILEAN, target, 900.0, NOISE)
 
 
+@pytest.mark.ci
 def test_dots_blurred_into_one_another_are_refused() -> None:
     target = FourDot(diameter=6.0, spacing=12.0)
     white, dots = (

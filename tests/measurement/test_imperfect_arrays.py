@@ -118,6 +118,7 @@ def bars_scores(
     return error, score
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("target", [BARS, BarsAlongY()])
 def test_each_view_of_bars_shows_its_own_lens(target: Bars) -> None:
     scatter = Scatter(0.01, 1e-4, 5, 0.018)

@@ -159,6 +159,7 @@ def test_a_picture_without_a_lattice_is_refused_in_one_sentence(picture: Array) 
         lattice_behind(camera(4.0, (360, 300), pixel=0.0166), picture, NOISE)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("f_number", [2.1, 2.2])
 def test_micro_images_that_touch_have_their_radii_though_light_does_not_fall_off(
     f_number: float,

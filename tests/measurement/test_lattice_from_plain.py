@@ -33,6 +33,7 @@ def camera(layout: Any, roll: float, f_number: float) -> Camera:
     )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("measure", "target", "layout", "roll", "f_number", "falloff"),
     [

@@ -46,6 +46,7 @@ def discs_px(focal: float) -> tuple[float, float]:
     ) / 2 / 0.0055
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("falling", [False, pytest.param(True, marks=pytest.mark.ci)])
 def test_every_kind_has_its_own_discs_and_the_tilt_is_found(brute: Any, falling: bool) -> None:
     scene = one_plane(CAMERA, White(), 900.0)

@@ -92,6 +92,7 @@ def test_dots_and_other_targets(brute: Any) -> None:
         measure(np.zeros((1240, 1240)), camera, Picture(np.ones((2, 2)), 10.0))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("gap", "distance"), [(1.17, 506.7016), pytest.param(1.15, 515.0, marks=pytest.mark.full)]
 )

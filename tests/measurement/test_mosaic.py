@@ -84,6 +84,7 @@ def test_contrast_through_filters_is_the_closed_form_within_its_uncertainty(brut
     assert curve.uncertainty.max() < 1e-3
 
 
+@pytest.mark.ci
 def test_a_raw_white_picture_gives_the_same_lattice_as_a_grey_one(
     brute: Any, tmp_path: Path
 ) -> None:

@@ -268,6 +268,7 @@ def test_the_share_of_saturated_pixels_is_the_one_asked_for(
     assert np.mean(picture == 65535) == truth.saturated == pytest.approx(0.02, rel=0.3)
 
 
+@pytest.mark.ci
 def test_random_whites_hold_enough_lenses_and_do_not_saturate(
     white_pictures: ModuleType, rng: np.random.Generator
 ) -> None:

@@ -139,6 +139,7 @@ def test_a_stage_that_is_pushed_while_frames_are_taken_ends_the_run_before_a_fra
     assert resumed.complete
 
 
+@pytest.mark.ci
 def test_a_stage_that_stood_in_its_place_when_a_run_was_gone_on_with_may_not_be_pushed_either(
     served: Callable[..., Any], tmp_path: Path
 ) -> None:
@@ -165,6 +166,7 @@ def test_a_stage_that_stood_in_its_place_when_a_run_was_gone_on_with_may_not_be_
             resume_run(tmp_path / "run", None, pushing("c0/bars/1"))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("moved", "place", "sentence"),
     [

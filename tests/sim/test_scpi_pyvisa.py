@@ -35,6 +35,7 @@ def opened(
     return resource
 
 
+@pytest.mark.ci
 @pytest.mark.filterwarnings(
     "ignore:The beginning of the block:UserWarning"
 )  # it wonders at seven fields before a block

@@ -204,6 +204,7 @@ def test_it_says_when_all_that_a_first_frame_needs_is_compiled(
         assert child.wait(10) == 0
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ["simulated", "full"])
 def test_a_frame_of_any_target_needs_no_kernel_that_the_warm_up_did_not(
     write_bench_file: WriteBench, name: str
@@ -238,6 +239,7 @@ def test_it_serves_without_standard_input_until_a_signal(
         assert child.wait(10) == 0
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(
     sys.platform == "win32", reason="there a signal to one process is another thing"
 )

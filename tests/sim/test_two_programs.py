@@ -100,6 +100,7 @@ def test_two_programs_that_approach_each_other_at_once_keep_the_gap(
     assert arrived.count(True) > 0
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("served", [1], indirect=True)
 def test_a_neighbour_that_somebody_else_moves_stops_what_is_on_its_way_towards_it(
     served: Served, here: ConnectedBench
