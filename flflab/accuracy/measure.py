@@ -13,9 +13,9 @@ import numpy.typing as npt
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.contrast.curve import fit_contrast
-from flflab.measurement.edges.fit import fit_edge
-from flflab.measurement.edges.free import fit_free_edge
+from flflab.measurement.edges.edge import fit_edge
 from flflab.measurement.edges.profile import edge_profile, pixel_transfer
+from flflab.measurement.edges.spread import line_spread
 from flflab.measurement.lattice.nominal import nominal_lattice
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
@@ -37,13 +37,7 @@ SIDES = (50, 100)  # pixels of a square with an edge in it
 EDGE_BLUR, EDGE_ANGLE = 0.7, math.radians(5)
 FREQUENCIES = np.linspace(0.02, 0.5, 25)  # cycles/px
 CONTRAST, PITCH, EDGE = "contrast of bars", "lattice pitch", "edge transfer"
-FIT, CLASSIC, LATTICE, KNOWN, FREE = (
-    "chirp fit",
-    "max and min",
-    "micro-images",
-    "Gaussian blur",
-    "free form",
-)
+FIT, CLASSIC, LATTICE, FREE = "chirp fit", "max and min", "micro-images", "free form"
 
 
 @dataclass(frozen=True)
@@ -215,12 +209,9 @@ def _edge_case(side: int) -> Case:
         pixel_transfer(FREQUENCIES, EDGE_ANGLE)
     )
 
-    def known(picture: Array, noise: SensorNoise) -> Reading:
-        found = fit_edge(picture, None, np.sqrt(noise.variance(picture)))
-        return Reading(found.mtf(FREQUENCIES), truth, found.mtf_uncertainty(FREQUENCIES))
-
     def free(picture: Array, noise: SensorNoise) -> Reading:
-        found = fit_free_edge(picture, None, np.sqrt(noise.variance(picture)))
-        return Reading(found.mtf(FREQUENCIES), truth, found.mtf_uncertainty(FREQUENCIES))
+        edge = fit_edge(picture, None, np.sqrt(noise.variance(picture)))
+        mtf, doubt = line_spread([edge]).with_form(FREQUENCIES)
+        return Reading(mtf, truth, doubt)
 
-    return Case(EDGE, picture, {KNOWN: known, FREE: free})
+    return Case(EDGE, picture, {FREE: free})

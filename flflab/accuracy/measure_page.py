@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flflab.accuracy.drawing import BLUE, GREEN, GREY, ORANGE, PINK, as_svg, sheet
+from flflab.accuracy.drawing import BLUE, GREY, ORANGE, PINK, as_svg, sheet
 from flflab.accuracy.measure import (
     CLASSIC,
     EDGE,
     FIT,
     FRAMES,
     FREE,
-    KNOWN,
     LATTICE,
     PITCH,
     REPEATS,
@@ -23,7 +22,7 @@ from flflab.accuracy.page import Page, Picture, Section, Table
 from flflab.accuracy.work_precision import order
 from flflab.digits import two_digits
 
-COLOURS = {FIT: ORANGE, CLASSIC: GREY, LATTICE: BLUE, KNOWN: GREEN, FREE: PINK}
+COLOURS = {FIT: ORANGE, CLASSIC: GREY, LATTICE: BLUE, FREE: PINK}
 MARKS = ("o", "s", "^")
 
 

@@ -230,12 +230,13 @@ def _edge_remarks(curve: EdgeCurve) -> list[Remark]:
                 " slope and skirts of flare mislead e-SFR, a blur of strange form the fit",
             )
         )
-    if curve.starved:
-        slope = math.degrees(curve.views[0].fit.angle)
+    starved = sum(edge.starved for edge in curve.edges)
+    if starved:
+        slope = math.degrees(curve.edges[0].angle)
         remarks.append(
             Remark(
                 "edges-starved",
-                f"{curve.starved} of the edges, at {slope:.2f} deg, sample their profile at too few"
+                f"{starved} of the edges, at {slope:.2f} deg, sample their profile at too few"
                 " places in a pixel; turn the target by a degree",
             )
         )

@@ -97,7 +97,6 @@ def views_contrast_json(curve: ContrastCurve, lattice: Lattice) -> list[dict[str
 
 def edge_json(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[str, Any]]:
     """A point for each frequency along the edges' normal."""
-    own = np.sqrt(np.maximum(curve.uncertainty**2 - curve.skirt_uncertainty**2, 0.0))
     return [
         {
             "cycles_per_px": float(u),
@@ -111,7 +110,7 @@ def edge_json(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[st
             "esfr": _number(check),
         }
         for u, mtf, doubt, alone, skirt, check in zip(
-            curve.cycles_per_px, curve.mtf, curve.uncertainty, own, curve.skirt_uncertainty,
+            curve.cycles_per_px, curve.mtf, curve.uncertainty, curve.own, curve.form,
             curve.esfr, strict=True,
         )
     ]  # fmt: skip
@@ -133,10 +132,7 @@ def views_edge_json(
         }
         for lens, view in zip(curve.lenses, curve.views, strict=True)
         for u, mtf, doubt in zip(
-            curve.cycles_per_px,
-            view.mtf(curve.cycles_per_px),
-            view.mtf_uncertainty(curve.cycles_per_px),
-            strict=True,
+            curve.cycles_per_px, *view.with_form(curve.cycles_per_px), strict=True
         )
     ]
 

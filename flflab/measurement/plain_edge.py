@@ -9,10 +9,10 @@ import numpy.typing as npt
 from flflab.files.raw import RawPicture
 from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
+from flflab.measurement.edges.edge import fit_edge
 from flflab.measurement.edges.esfr import esfr
-from flflab.measurement.edges.fit import edge_pixels, fit_edge
-from flflab.measurement.edges.free import free_forms
-from flflab.measurement.edges.views import APART, FREQUENCIES, WITHIN, pooled
+from flflab.measurement.edges.spread import line_spread
+from flflab.measurement.edges.views import APART, FREQUENCIES, WITHIN
 from flflab.remark import Remark
 
 HALF_PX = 150  # of the square round the edge's middle that is measured
@@ -38,11 +38,10 @@ def measure_plain_edge(picture: npt.NDArray[Any] | RawPicture | SensorPicture) -
     values, noise = mosaic.even()
     corner, patch = _around_the_edge(np.asarray(values, dtype=np.float64))
     full = np.asarray(noise.saturated(patch), dtype=np.bool_)
-    deviation = np.sqrt(noise.variance(patch))
-    fit, pixels = fit_edge(patch, ~full, deviation), edge_pixels(patch, ~full, deviation)[0]
-    views = free_forms([fit], [pixels])
-    mean, doubt = pooled(views, FREQUENCIES)
-    check = esfr(fit, pixels, FREQUENCIES)
+    edge = fit_edge(patch, ~full, np.sqrt(noise.variance(patch)))
+    view = line_spread([edge])
+    mean, doubt = view.with_form(FREQUENCIES)
+    check = esfr(edge, FREQUENCIES)
     apart = (np.abs(mean - check) - 2 * doubt)[FREQUENCIES <= WITHIN]
     if np.isfinite(check).all() and float(apart.max()) > APART:
         remarks.append(
@@ -51,16 +50,14 @@ def measure_plain_edge(picture: npt.NDArray[Any] | RawPicture | SensorPicture) -
                 f"fit and e-SFR (ISO 12233) part by {float(apart.max()):.2g} more than stated",
             )
         )
-    if fit.starved:
+    if edge.starved:
         remarks.append(
             Remark(
                 "edges-starved",
-                f"the edge, at {math.degrees(fit.angle):.2f} deg, samples its profile at too few"
+                f"the edge, at {math.degrees(edge.angle):.2f} deg, samples its profile at too few"
                 " places in a pixel; turn the target by a degree",
             )
         )
-    along = fit.offset_px * np.array([math.cos(fit.angle), math.sin(fit.angle)])
-    middle = np.asarray(fit.middle_px) + along + corner
     return {
         "mtf": [
             {
@@ -72,16 +69,14 @@ def measure_plain_edge(picture: npt.NDArray[Any] | RawPicture | SensorPicture) -
             for u, one, unsure, beside in zip(FREQUENCIES, mean, doubt, check, strict=True)
         ],
         "edge": {
-            "angle_deg": math.degrees(fit.angle),
-            "place_px": middle.tolist(),
-            "skirt_share": views[0].skirt,
-            "pixels": fit.pixels,
+            "angle_deg": math.degrees(edge.angle),
+            "place_px": (edge.place_px + corner).tolist(),
+            "skirt_share": view.skirt,
+            "pixels": len(edge.pixels.values),
         },
         "picture": {
             "saturated_share": float(np.mean(full)),
-            "misfit": math.sqrt(max(fit.residual**2 - 1, 0.0))
-            * float(np.median(deviation))
-            / fit.height,
+            "misfit": edge.misfit,
             "offset_dn": noise.offset_dn,
         },
         "remarks": [remark.sentence for remark in remarks],
@@ -96,9 +91,7 @@ def _around_the_edge(
     step = max(1, min(values.shape) // COARSE)
     rows, columns = (size // step for size in values.shape)
     coarse = values[: rows * step, : columns * step].reshape(rows, step, columns, step)
-    fit = fit_edge(coarse.mean(axis=(1, 3)))
-    along = fit.offset_px * np.array([math.cos(fit.angle), math.sin(fit.angle)])
-    middle = (np.asarray(fit.middle_px) + along + 0.5) * step
+    middle = (fit_edge(coarse.mean(axis=(1, 3))).place_px + 0.5) * step
     size = np.array([values.shape[1], values.shape[0]])
     corner = np.clip(middle.astype(np.int64) - HALF_PX, 0, np.maximum(size - 2 * HALF_PX, 0))
     end = corner + 2 * HALF_PX

@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from flflab.measurement.edges.edge import fit_edge
 from flflab.measurement.edges.esfr import esfr
-from flflab.measurement.edges.fit import EdgePixels, edge_pixels, fit_edge
-from flflab.measurement.edges.free import free_forms
-from flflab.measurement.edges.views import pooled
+from flflab.measurement.edges.spread import line_spread
 
 Array = npt.NDArray[np.float64]
 F = np.linspace(0.0, 0.5, 26)
@@ -66,9 +65,8 @@ def measured(
     """Transfer of five fields together, its uncertainty, and the truth."""
     rng, angle = np.random.default_rng(seed), math.radians(degrees)
     fields = [drawn(spread, angle, slope, dark, rng) for _ in range(5)]
-    fits = [fit_edge(one, FIELD, deviation) for one, deviation in fields]
-    pixels: list[EdgePixels] = [edge_pixels(one, FIELD, each)[0] for one, each in fields]
-    mean, doubt = pooled(free_forms(fits, pixels), F)
+    edges = [fit_edge(one, FIELD, deviation) for one, deviation in fields]
+    mean, doubt = line_spread(edges).with_form(F)
     return mean, doubt, spread.transfer(angle)
 
 
@@ -94,7 +92,7 @@ def test_a_skirt_of_flare_is_seen(degrees: float, dark: float) -> None:
 def test_esfr_is_the_response_of_a_plain_edge() -> None:
     spread, angle = Spread(0.65, 0.0, 1.0), math.radians(5)
     picture, deviation = drawn(spread, angle, 0.0, 0.1, np.random.default_rng(3))
-    found = esfr(fit_edge(picture, FIELD, deviation), edge_pixels(picture, FIELD)[0], F)
+    found = esfr(fit_edge(picture, FIELD, deviation), F)
     assert np.abs(found - spread.transfer(angle))[F <= 0.4].max() < 0.03
 
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from flflab.measurement.edges.fit import EdgeFit, EdgePixels
+from flflab.measurement.edges.edge import Edge
 
 Array = npt.NDArray[np.float64]
 
@@ -19,14 +19,14 @@ HALF_PX = 16.0  # of the line spread, at most
 LEAST_HALF_PX = 4.0
 
 
-def esfr(fit: EdgeFit, pixels: EdgePixels, cycles_per_px: Array) -> Array:
+def esfr(edge: Edge, cycles_per_px: Array) -> Array:
     """Response along the edge's normal, shape of the frequencies; nan where bins are empty or the
     edge lies too near the pixels' border.
     """
-    t = pixels.distance(fit.angle, fit.offset_px)
+    t = edge.distance
     half = min(HALF_PX, float(t.max()), float(-t.min()))
     nothing = np.full(len(cycles_per_px), np.nan)
-    if half < max(LEAST_HALF_PX, 4 * fit.blur_px):
+    if half < max(LEAST_HALF_PX, 4 * edge.blur_px):
         return nothing
     count = 2 * int(half * BINS)
     cell = np.floor(t * BINS).astype(np.int64) + count // 2
@@ -34,8 +34,8 @@ def esfr(fit: EdgeFit, pixels: EdgePixels, cycles_per_px: Array) -> Array:
     number = np.bincount(cell[inside], minlength=count)
     if not number.all():
         return nothing
-    edge = np.bincount(cell[inside], pixels.values[inside], minlength=count) / number
-    line = (edge[2:] - edge[:-2]) * np.hamming(count)[1:-1]
+    profile = np.bincount(cell[inside], edge.pixels.values[inside], minlength=count) / number
+    line = (profile[2:] - profile[:-2]) * np.hamming(count)[1:-1]
     at = (np.arange(1, count - 1) + 0.5 - count / 2) / BINS
     waves = np.exp(-2j * math.pi * cycles_per_px[:, None] * at)
     found = np.abs(waves @ line) / abs(line.sum())

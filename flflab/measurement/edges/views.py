@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
+from flflab.measurement.edges.edge import Edge, fit_edge
 from flflab.measurement.edges.esfr import esfr
-from flflab.measurement.edges.fit import EdgeFit, EdgePixels, edge_pixels, fit_edge
-from flflab.measurement.edges.free import OF_SKIRT, FreeEdge, free_forms, variance_along
+from flflab.measurement.edges.spread import LineSpread, line_spread
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import (
     bright_pixels,
@@ -34,6 +34,21 @@ WORST_RESIDUAL = 4.0  # of a pixel from its edge, in units of its noise
 WORST_SHARE = 0.05  # of its height, where that is more
 # standard deviations of chi squared by which views must differ to be less sure than they state
 CLEARLY = 2.0
+FAINT = (
+    f"no bright field shows a contrast of {100 * LEAST_HEIGHT:g} % of the bright side and more than"
+    " the noise between dark and bright; check target, light and exposure"
+)
+STRANGE = (
+    "what crosses the bright fields is no straight edge between black and white, the pixels depart"
+    f" from one by more than {WORST_RESIDUAL:g} times their noise; check target and focus"
+)
+BLURRED = (
+    f"what crosses the bright fields is blurred by more than {WIDEST_BLUR:g} of their radius,"
+    " beside which neither black nor white is seen; check target and focus"
+)
+NO_EDGE = (
+    "no bright field is crossed by an edge; move the target so that its edge lies before the camera"
+)
 HIGHEST = 1.3  # contrast above it no edge has, whatever lights it
 WITHIN = 0.4  # cycles/px up to which e-SFR is compared
 APART = 0.02  # by which it may differ besides
@@ -45,31 +60,35 @@ class EdgeCurve:
 
     Attributes:
         cycles_per_px: frequencies on the sensor, shape (K,).
-        mtf: pooled over the views, shape (K,).
-        uncertainty: standard uncertainty, what the fits state or, where they clearly scatter more,
+        mtf: of all views together, shape (K,).
+        own: standard uncertainty, what the fit states or, where the views clearly scatter more,
             what their scatter shows, shape (K,).
-        views: the single edges.
-        lenses: which micro-image of the lattice each lies in.
-        starved: how many of them sample their profile at too few phases.
-        focal_length: of their microlenses, mm.
-        skirt_uncertainty: what of ``uncertainty`` the unknown form of a skirt of flare makes, shape
-            (K,).
+        form: standard uncertainty for the unknown form of a skirt of flare, shape (K,).
         esfr: mean of the views' e-SFR (ISO 12233), nan where none has one, shape (K,).
+        edges: the single edges.
+        views: the line spread that each shows.
+        lenses: which micro-image of the lattice each lies in.
+        focal_length: of their microlenses, mm.
         misfit: rms of what is left of the edges beyond noise, as a share of their height.
         saturated: how many pixels of bright fields were left out for it.
     """
 
     cycles_per_px: Array
     mtf: Array
-    uncertainty: Array
-    views: tuple[FreeEdge, ...]
-    lenses: tuple[int, ...]
-    starved: int
-    focal_length: float
-    skirt_uncertainty: Array
+    own: Array
+    form: Array
     esfr: Array
+    edges: tuple[Edge, ...]
+    views: tuple[LineSpread, ...]
+    lenses: tuple[int, ...]
+    focal_length: float
     misfit: float
     saturated: int
+
+    @property
+    def uncertainty(self) -> Array:
+        """Standard uncertainty, shape (K,)."""
+        return np.hypot(self.own, self.form)
 
     @property
     def apart(self) -> float:
@@ -127,109 +146,86 @@ def measure_edges(
         )
     full = noise.saturated(values[pixels.rows, pixels.columns])
     pixels, saturated = pixels.kept(~full), int(np.count_nonzero(full))
-    light = values[pixels.rows, pixels.columns] - noise.offset_dn
-    fits: list[EdgeFit] = []
-    seen: list[EdgePixels] = []
-    lenses: list[int] = []
-    shares: list[float] = []
-    strange, blurred, faint = math.inf, math.inf, 0
+    edges, lenses, unfit = list[Edge](), list[int](), list[str]()
     for lens in np.unique(pixels.lens):
         here = pixels.lens == lens
-        low, high = np.quantile(light[here], [LEAST_SIDE / 2, 1 - LEAST_SIDE / 2])
-        bright = float(np.mean(light[here] > (low + high) / 2))
-        if not LEAST_SIDE < bright < 1 - LEAST_SIDE:
-            continue
-        noisy = math.sqrt(float(noise.variance(np.array([(low + high) / 2 + noise.offset_dn]))[0]))
-        if high - low < LEAST_HEIGHT * high + 4 * noisy:
-            faint += 1
-            continue
-        rows, columns = pixels.rows[here], pixels.columns[here]
-        first, left = int(rows.min()), int(columns.min())
-        mask = np.zeros(
-            (int(rows.max()) - first + 1, int(columns.max()) - left + 1), dtype=np.bool_
+        found = _field_edge(
+            values, pixels.rows[here], pixels.columns[here], noise, lattice.inside_radius_px
         )
-        mask[rows - first, columns - left] = True
-        patch = values[first : first + mask.shape[0], left : left + mask.shape[1]]
-        spread = np.sqrt(noise.variance(patch))
-        try:
-            found = fit_edge(patch, mask, spread)
-        except MeasurementError:
-            continue  # a field that an edge only brushes
-        share = found.residual * float(np.median(spread)) / found.height
-        if found.residual > WORST_RESIDUAL and share > WORST_SHARE:
-            strange = min(strange, found.residual)
-            continue
-        if found.blur_px > WIDEST_BLUR * lattice.inside_radius_px:
-            blurred = min(blurred, found.blur_px)
-            continue
-        fits.append(found)
-        shares.append(share)
-        seen.append(edge_pixels(patch, mask, spread)[0])
-        lenses.append(int(lens))
-    if not fits and blurred < math.inf:
-        raise MeasurementError(
-            f"edge: what crosses the bright fields is blurred by {blurred:.3g} px,"
-            f" {WIDEST_BLUR * lattice.inside_radius_px:.3g} px are allowed in fields of their size,"
-            " beside more neither black nor white is seen; check target and focus"
-        )
-    if not fits and strange < math.inf:
-        raise MeasurementError(
-            "edge: what crosses the bright fields is no straight edge between black and white, the"
-            f" pixels depart from one by {strange:.1f} times their noise or more; check target and"
-            " focus"
-        )
-    if not fits and faint:
-        raise MeasurementError(
-            f"edge: no bright field shows a contrast of {100 * LEAST_HEIGHT:g} % of the bright side"
-            " and more than the noise between dark and bright; check target, light and exposure"
-        )
-    if not fits:
-        raise MeasurementError(
-            "edge: no bright field is crossed by an edge; move the target so that its edge lies"
-            " before the camera"
-        )
-    views = free_forms(fits, seen)
-    checks = [esfr(*one, FREQUENCIES) for one in zip(fits, seen, strict=True)]
-    checks = [one for one in checks if np.isfinite(one).all()]
-    left = [
-        max(1 - fit.residual**-2, 0.0) * share**2 for fit, share in zip(fits, shares, strict=True)
-    ]
-    mtf, uncertainty = pooled(views, FREQUENCIES)
+        if isinstance(found, Edge):
+            edges.append(found)
+            lenses.append(int(lens))
+        elif found:
+            unfit.append(found)
+    if not edges:
+        why = max(set(unfit), key=unfit.count) if unfit else NO_EDGE
+        raise MeasurementError(f"edge: {why}")
+    views = [line_spread([edge]) for edge in edges]
+    mtf, own, form = pooled(edges, views, FREQUENCIES)
     if float(mtf.max()) > HIGHEST:
         raise MeasurementError(
             f"edge: what crosses the bright fields would have a contrast of {mtf.max():.2g}, no"
             f" edge between black and white has more than {HIGHEST:g}; check target and focus"
         )
+    checks = [one for edge in edges if np.isfinite(one := esfr(edge, FREQUENCIES)).all()]
     return EdgeCurve(
         FREQUENCIES,
         mtf,
-        uncertainty,
+        own,
+        form,
+        np.mean(checks, axis=0) if checks else np.full(len(FREQUENCIES), np.nan),
+        tuple(edges),
         tuple(views),
         tuple(lenses),
-        sum(fit.starved for fit in fits),
         focal,
-        np.where(FREQUENCIES > 0, OF_SKIRT * abs(np.mean([view.skirt for view in views])), 0.0),
-        np.mean(checks, axis=0) if checks else np.full(len(FREQUENCIES), np.nan),
-        math.sqrt(float(np.mean(left))),
+        math.sqrt(float(np.mean([edge.misfit**2 for edge in edges]))),
         saturated,
     )
 
 
-def pooled(views: list[FreeEdge], cycles_per_px: Array) -> tuple[Array, Array]:
-    """Transfer function of edges fitted together and its standard uncertainty, each of shape
-    (K,).
+def _field_edge(
+    values: Array,
+    rows: npt.NDArray[np.int64],
+    columns: npt.NDArray[np.int64],
+    noise: SensorNoise,
+    radius_px: float,
+) -> Edge | str:
+    """The edge that crosses a bright field, or why it is of no use; nothing to say of a field that
+    no edge crosses.
     """
-    curves, doubts, slopes = (
-        np.array(part)
-        for part in zip(*(view.mtf_and_slopes(cycles_per_px) for view in views), strict=True)
-    )
+    light = values[rows, columns] - noise.offset_dn
+    low, high = np.quantile(light, [LEAST_SIDE / 2, 1 - LEAST_SIDE / 2])
+    if not LEAST_SIDE < float(np.mean(light > (low + high) / 2)) < 1 - LEAST_SIDE:
+        return ""
+    noisy = math.sqrt(float(noise.variance(np.array([(low + high) / 2 + noise.offset_dn]))[0]))
+    if high - low < LEAST_HEIGHT * high + 4 * noisy:
+        return FAINT
+    first, left = int(rows.min()), int(columns.min())
+    mask = np.zeros((int(rows.max()) - first + 1, int(columns.max()) - left + 1), dtype=np.bool_)
+    mask[rows - first, columns - left] = True
+    patch = values[first : first + mask.shape[0], left : left + mask.shape[1]]
+    try:
+        found = fit_edge(patch, mask, np.sqrt(noise.variance(patch)))
+    except MeasurementError:
+        return ""  # a field that an edge only brushes
+    if found.residual > WORST_RESIDUAL and found.misfit > WORST_SHARE:
+        return STRANGE
+    return BLURRED if found.blur_px > WIDEST_BLUR * radius_px else found
+
+
+def pooled(
+    edges: list[Edge], views: list[LineSpread], cycles_per_px: Array
+) -> tuple[Array, Array, Array]:
+    """Transfer function of all edges together; its standard uncertainty, what the fit states or,
+    where the edges alone clearly scatter more, what their scatter shows; and what the unknown form
+    of a skirt adds to it; shape (K,) each.
+    """
+    together = line_spread(edges)
+    mtf, own = together.mtf(cycles_per_px)
+    alone, doubts = np.array([view.mtf(cycles_per_px) for view in views]).swapaxes(0, 1)
     weights = 1 / np.maximum(doubts, 1e-9) ** 2
-    weights /= weights.sum(axis=0)
-    mean, freedom = (weights * curves).sum(axis=0), max(len(views) - 1, 1)
-    own = 1 / (1 / np.maximum(doubts, 1e-9) ** 2).sum(axis=0)
-    chi2 = (weights * (curves - mean) ** 2).sum(axis=0) / own / freedom
+    freedom = max(len(views) - 1, 1)
+    mean = (weights * alone).sum(axis=0) / weights.sum(axis=0)
+    chi2 = (weights * (alone - mean) ** 2).sum(axis=0) / freedom
     growth = np.where(chi2 > 1 + CLEARLY * math.sqrt(2 / freedom), chi2, 1.0)
-    shared = variance_along((weights[..., None] * slopes).sum(axis=0), views[0].lines_covariance)
-    skirt = float(np.mean([view.skirt for view in views]))
-    form = np.where(cycles_per_px > 0, OF_SKIRT * skirt, 0.0)
-    return mean, np.sqrt(own * growth + shared + form**2)
+    return mtf, own * np.sqrt(growth), together.form(cycles_per_px)
