@@ -189,12 +189,5 @@ def decided(
     """
     if effect is None:
         return Decision(name, False, None, "", 0.0, f"the {of} has none", 0.0)
-    return Decision(
-        name,
-        on,
-        effect.size(regime),
-        effect.unit,
-        effect.bound(regime),
-        effect.why(regime) + remark,
-        effect.cost(regime),
-    )
+    size, bound, cost = effect.size(regime), effect.bound(regime), effect.cost(regime)
+    return Decision(name, on, size, effect.unit, bound, effect.why(regime) + remark, cost)

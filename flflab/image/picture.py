@@ -148,18 +148,12 @@ def _read(
 def _noise_decisions(
     response: SensorResponse, noise: frozenset[str], regime: Regime, seed: int | None
 ) -> tuple[Decision, ...]:
-    remark = ": no seed was given" if seed is None else ": not requested"
-    return tuple(
-        decided(
-            name,
-            getattr(response, name.replace("-", "_")),
-            regime,
-            name in noise,
-            "" if name in noise else remark,
-            of="sensor",
-        )
-        for name in NOISE
-    )
+    absent = ": no seed was given" if seed is None else ": not requested"
+    found: list[Decision] = []
+    for name in NOISE:
+        effect, remark = getattr(response, name.replace("-", "_")), "" if name in noise else absent
+        found.append(decided(name, effect, regime, name in noise, remark, of="sensor"))
+    return tuple(found)
 
 
 def _reported(decisions: tuple[Decision, ...], ms: float) -> tuple[Decision, ...]:
@@ -168,11 +162,6 @@ def _reported(decisions: tuple[Decision, ...], ms: float) -> tuple[Decision, ...
     """
     total = sum(decision.ms for decision in decisions if decision.on)
     rate = ms / total if total > 0 else 1.0
-    return tuple(
-        replace(
-            one,
-            size=one.size if one.size is not None and math.isfinite(one.size) else None,
-            ms=rate * one.ms,
-        )
-        for one in decisions
-    )
+    sizes = [None if one.size is None or math.isinf(one.size) else one.size for one in decisions]
+    shared = zip(decisions, sizes, strict=True)
+    return tuple(replace(one, size=size, ms=rate * one.ms) for one, size in shared)

@@ -8,10 +8,9 @@ from dataclasses import astuple, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.microlenses import Lenses, camera_lenses, outside
+from flflab.image.microlenses import Lenses, camera_lenses, is_lit, outside
 from flflab.image.regime import Change, PlaneRegime, Regime
 from flflab.image.scene import ALL, Plane, Scene, without
-from flflab.optics.camera import Camera
 from flflab.optics.discs import two_disc_area
 from flflab.targets import Bars, Black, Edge, Picture, White
 
@@ -27,17 +26,14 @@ def survey(scene: Scene) -> Regime:
     """
     camera, pixel = scene.camera, scene.camera.sensor.pixel
     lenses = camera_lenses(camera, 1 / scene.planes[0].distance, scene.scatter)
-    seen = _reaching_the_sensor(camera, lenses)
+    seen = is_lit(lenses)
     radius, slope = outside(lenses)[seen], np.abs(lenses["slope"][seen])
     level = float(lenses["level"][seen].max(initial=0.0))
     gap, crosstalk, reaching = _neighbours(lenses, seen, pixel)
     light = level + crosstalk
     width = 2 * slope / pixel
-    rim_steepness = (
-        reaching
-        * level
-        * min(math.sqrt(2), 4 / (math.pi * max(float(width.min(initial=math.inf)), 1e-9)))
-    )
+    cones = np.abs(lenses["slant_spread"][seen])
+    narrowest = max(float(width.min(initial=math.inf)), 1e-9)
     planes = tuple(_plane(scene, plane, seen, light, reaching * level) for plane in scene.planes)
     columns, rows = camera.sensor.resolution
     return Regime(
@@ -51,28 +47,14 @@ def survey(scene: Scene) -> Regime:
         reaching=reaching,
         rim=float(width.max(initial=0.0)),
         least_rim=float(width.min(initial=math.inf)) if len(width) else 0.0,
-        rim_steepness=rim_steepness,
+        rim_steepness=reaching * level * min(math.sqrt(2), 4 / (math.pi * narrowest)),
         gap=gap,
         crosstalk=crosstalk,
-        airy=0.61
-        / max(float(np.abs(lenses["slant_spread"][seen]).min(initial=math.inf)), 1e-300)
-        / pixel,
+        airy=0.61 / max(float(cones.min(initial=math.inf)), 1e-300) / pixel,
         slope=_steepest_ray(lenses, seen),
         misaligned=_without(scene, "misalignment", seen),
         scattered=_without(scene, "scatter", seen),
     )
-
-
-def _reaching_the_sensor(camera: Camera, lenses: Lenses) -> Flags:
-    """Which micro-images lie on the sensor at least in part."""
-    sensor = camera.sensor
-    away = [
-        np.maximum(np.abs(centre - middle) - count * sensor.pixel / 2, 0)
-        for centre, middle, count in zip(
-            (lenses["x"], lenses["y"]), sensor.offset, sensor.resolution, strict=True
-        )
-    ]
-    return np.hypot(away[0], away[1]) <= outside(lenses)
 
 
 def _neighbours(lenses: Lenses, seen: Flags, pixel: float) -> tuple[float, float, int]:
@@ -87,16 +69,14 @@ def _neighbours(lenses: Lenses, seen: Flags, pixel: float) -> tuple[float, float
     if len(places) < 2 or not len(owners):
         return math.inf, 0.0, 1
     middle = places[owners].mean(axis=0)
-    owners = owners[
-        np.argsort(np.hypot(*(places[owners] - middle).T))[:9]
-    ]  # unlike microlenses repeat within a few
+    by_distance = np.argsort(np.hypot(*(places[owners] - middle).T))
+    owners = owners[by_distance[:9]]  # unlike microlenses repeat within a few
     gap, crosstalk, reaching = math.inf, 0.0, 1
     for owner in owners:
         apart = np.hypot(*(places - places[owner]).T)
         others = (apart > 0) & (apart / 2 - pixel < outside(lenses))
-        gap = min(
-            gap, float((apart - outside(lenses)[owner] - outside(lenses))[apart > 0].min()) / pixel
-        )
+        between = (apart - outside(lenses)[owner] - outside(lenses))[apart > 0]
+        gap = min(gap, float(between.min()) / pixel)
         nearest = np.maximum(apart[others] / 2 - pixel / math.sqrt(2), 0)
         slope = np.maximum(np.abs(lenses["slope"][others]), 1e-9)
         shares = [
@@ -171,10 +151,8 @@ def _changed(old: Lenses, new: Lenses, seen: Flags, pixel: float) -> Change:
     """What becomes of the rays and rims of the micro-images seen when these are the lenses
     instead.
     """
-    if np.any((old["lens_scale"] == 0) != (new["lens_scale"] == 0)):
-        return Change(
-            math.inf, math.inf, 0.0, 1.0
-        )  # another aperture limits: the two descriptions cannot be compared
+    if np.any((old["lens_scale"] == 0) != (new["lens_scale"] == 0)):  # another aperture limits
+        return Change(math.inf, math.inf, 0.0, 1.0)
     step = np.hypot(new["x"] - old["x"], new["y"] - old["y"])
     turned = np.hypot(
         new["direction_x"] - old["direction_x"], new["direction_y"] - old["direction_y"]
@@ -201,12 +179,9 @@ def _without(scene: Scene, name: str, seen: Flags) -> Change:
     for plane in scene.planes:
         old = camera_lenses(camera, 1 / plane.distance, scene.scatter)
         new = camera_lenses(ideal.camera, 1 / plane.distance, ideal.scatter)
-        moved = seen | _reaching_the_sensor(ideal.camera, new)
+        moved = seen | is_lit(new)
         change = _changed(old, new, moved, camera.sensor.pixel)
         turned = step * float(np.abs(old["scale"]).max())  # the sensor's own offset moves all alike
-        changes.append(
-            replace(
-                change, rim=change.rim + step / camera.sensor.pixel, shift=change.shift + turned
-            )
-        )
+        rim = change.rim + step / camera.sensor.pixel
+        changes.append(replace(change, rim=rim, shift=change.shift + turned))
     return Change(*np.max([astuple(one) for one in changes], axis=0).tolist())
