@@ -175,7 +175,7 @@ def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_i
     assert told_json["most_megabytes"] == told_json["most_frames"] * 760 * 560 * 2 / 1e6
     assert (
         float(told["as stated"]["mtf_uncertainty_by_stages"])
-        > 20 * float(told["as stated"]["mtf_standard_uncertainty"])
+        > 10 * float(told["as stated"]["mtf_standard_uncertainty"])
         > 0
     )
     assert float(told["exact"]["mtf_uncertainty_by_stages"]) < 1e-12
