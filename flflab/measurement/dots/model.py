@@ -13,8 +13,10 @@ points. Defocus, cut spots, fall-off and a main lens that limits are all in thes
 moves no centroid.
 """
 
+import math
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -130,28 +132,15 @@ def shown(lenses: Microlenses, angles: Array, vergences: Array, size: float) -> 
     x = np.where(np.abs(x) < LEAST, LEAST, x)
     kappa = 1 + gap / away - gap / lenses.focal + lenses.kappa_apart
     y = lenses.centres * (away / (lenses.distance + lenses.gap))[:, None]
-    t = _at_array(angles, vergences, lenses.camera) * away[:, None]
-    points, weights = _disc_points()
-    apart = (t - y)[:, None] + points * (size / 2 * away)[:, None, None]
-    shadow = lenses.stop * np.abs(x)
-    area, middle, along, across, turn = _common(lenses.radius, shadow[:, None], apart)
-    per_p, per_t = (kappa - gap / away / x)[:, None, None], (gap / away / x)[:, None, None]
-    landing = per_p * middle + per_t * apart
-    # slopes at the sensor, and how light falls with them over the common area, to second order
-    slope = (landing + lenses.centres[:, None] - y[:, None] - middle) / gap[:, None, None]
-    steep, by_p = 1 + (slope**2).sum(axis=2), (per_p - 1) / gap[:, None, None]
-    spread = _turned(slope, turn, along, across)
-    pull = -4 * lenses.falloff * by_p / steep[..., None] * spread
-    curved = 12 * (slope * spread).sum(axis=2) / steep - 2 * (along + across)
-    left = (1 + by_p[..., 0] ** 2 * curved / steep) / steep**2
-    light = weights * area * (1 + lenses.falloff * (left - 1))
-    share = (light / np.maximum(light.sum(axis=1), 1e-300)[:, None])[..., None]
-    by_stop = (shadow < lenses.radius)[:, None]
+    apart = _at_array(angles, vergences, lenses.camera) * away[:, None] - y
+    shadow, by_angle = lenses.stop * np.abs(x), gap / away / x
+    spots = np.stack([*apart.T, *(lenses.centres - y).T, shadow, by_angle, kappa, gap, away], 1)
+    found = _formed(spots, lenses.radius, lenses.falloff, size / 2, *_disc_points())
     return Shown(
-        (share * (landing + per_p * pull)).sum(axis=1),
-        np.where(by_stop, kappa[:, None] * (t - y), per_t[:, 0] * (t - y)),
-        light.sum(axis=1) / (np.pi * np.minimum(lenses.radius, shadow) ** 2),
-        (share * (middle + pull)).sum(axis=1),
+        found[:, :2],
+        np.where(shadow < lenses.radius, kappa, by_angle)[:, None] * apart,
+        found[:, 4] / (np.pi * np.minimum(lenses.radius, shadow) ** 2),
+        found[:, 2:4],
     )
 
 
@@ -173,37 +162,78 @@ def _disc_points() -> tuple[Array, Array]:
     return points.reshape(-1, 2), np.repeat(weights / 2 / TURNS, TURNS)
 
 
-def _common(radius: float, shadow: Array, apart: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """What a disc round 0 shares with one round ``apart``.
+@numba.njit(cache=True, error_model="numpy")
+def _formed(
+    spots: Array, radius: float, falloff: float, half: float, points: Array, weights: Array
+) -> Array:
+    """Centroid (x, y), mean place on the microlens (x, y) and light of each spot, shape (n, 5).
 
     Args:
-        radius: of the one.
-        shadow: radius of the other, shape (n, 1).
-        apart: shape (n, k, 2).
-
-    Returns:
-        Area (n, k); centroid (n, k, 2); variances along and across ``apart`` (n, k); its direction
-        (n, k, 2).
+        spots: a row each: t - y (x, y), c - y (x, y), radius of the main lens's shadow, b/(L x),
+            kappa, gap, distance to the main lens; shape (n, 9).
+        radius: of a microlens.
+        falloff: share of natural fall-off that counts.
+        half: radius of a dot times its vergence, rad.
+        points: of a dot of radius 1, shape (k, 2).
+        weights: of these, shape (k,).
     """
-    r = np.maximum(np.hypot(apart[..., 0], apart[..., 1]), 1e-12)
+    found = np.zeros((len(spots), 5))
+    for n in range(len(spots)):
+        t_x, t_y, c_x, c_y, shadow, by_angle, kappa, gap, away = spots[n]
+        per_p, by_p = kappa - by_angle, (kappa - by_angle - 1) / gap
+        out, sums = half * away, found[n]
+        if math.hypot(t_x, t_y) - out > radius + shadow:
+            continue
+        for k in range(len(points)):
+            at_x, at_y = t_x + out * points[k, 0], t_y + out * points[k, 1]
+            r = max(math.hypot(at_x, at_y), 1e-12)
+            area, mean, along, across = _common(radius, shadow, r)
+            if area <= 0:
+                continue
+            p_x, p_y = mean * at_x / r, mean * at_y / r
+            land_x, land_y = per_p * p_x + by_angle * at_x, per_p * p_y + by_angle * at_y
+            # slopes at the sensor, and how light falls with them over the common area
+            slope_x, slope_y = (land_x + c_x - p_x) / gap, (land_y + c_y - p_y) / gap
+            steep = 1 + slope_x * slope_x + slope_y * slope_y
+            radial = (along - across) * (slope_x * at_x + slope_y * at_y) / (r * r)
+            spread_x, spread_y = across * slope_x + radial * at_x, across * slope_y + radial * at_y
+            pull = -4 * falloff * by_p / steep
+            pull_x, pull_y = pull * spread_x, pull * spread_y
+            curved = 12 * (slope_x * spread_x + slope_y * spread_y) / steep - 2 * (along + across)
+            left = (1 + by_p * by_p * curved / steep) / steep**2
+            light = weights[k] * area * (1 + falloff * (left - 1))
+            sums[0] += light * (land_x + per_p * pull_x)
+            sums[1] += light * (land_y + per_p * pull_y)
+            sums[2] += light * (p_x + pull_x)
+            sums[3] += light * (p_y + pull_y)
+            sums[4] += light
+        sums[:4] /= max(sums[4], 1e-300)
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _common(radius: float, shadow: float, r: float) -> tuple[float, float, float, float]:
+    """Area, centroid from 0, and variances along and across, of what a disc round 0 shares with
+    one of radius ``shadow`` round r.
+    """
     chord = (r * r + radius * radius - shadow * shadow) / (2 * r)
-    own = _cap(radius, np.arccos(np.clip(chord / radius, -1.0, 1.0)))
-    other = _cap(shadow, np.arccos(np.clip((r - chord) / shadow, -1.0, 1.0)))
-    area = own[0] + other[0]
-    some = np.maximum(area, 1e-300)
+    area, one, two, across = _cap(radius, chord / radius)
+    area_2, one_2, two_2, across_2 = _cap(shadow, (r - chord) / shadow)
+    whole = area + area_2
+    some = max(whole, 1e-300)
     # from 0 along apart: the other cap looks back from r
-    mean = (own[1] + r * other[0] - other[1]) / some
-    square = (own[2] + r * r * other[0] - 2 * r * other[1] + other[2]) / some
-    turn = apart / r[..., None]
-    along, across = np.maximum(square - mean**2, 0.0), (own[3] + other[3]) / some
-    return area, mean[..., None] * turn, along, across, turn
+    mean = (one + r * area_2 - one_2) / some
+    square = (two + r * r * area_2 - 2 * r * one_2 + two_2) / some
+    return whole, mean, max(square - mean * mean, 0.0), (across + across_2) / some
 
 
-def _cap(radius: Array | float, angle: Array) -> tuple[Array, Array, Array, Array]:
-    """Area, first and second moment along, second moment across, of the cap of a disc within
-    ``angle`` of an axis.
+@numba.njit(cache=True, error_model="numpy")
+def _cap(radius: float, cos: float) -> tuple[float, float, float, float]:
+    """Area, first and second moment along, second moment across, of the cap of a disc beyond
+    ``cos`` of its radius.
     """
-    sin, cos = np.sin(angle), np.cos(angle)
+    cos = min(max(cos, -1.0), 1.0)
+    angle, sin = math.acos(cos), math.sqrt(1 - cos * cos)
     square, segment, cube = radius * radius, angle - sin * cos, sin**3
     return (
         square * segment,
@@ -211,9 +241,3 @@ def _cap(radius: Array | float, angle: Array) -> tuple[Array, Array, Array, Arra
         square * square / 4 * (segment + 2 * cube * cos),
         square * square / 4 * (segment - 2 / 3 * cube * cos),
     )
-
-
-def _turned(slope: Array, turn: Array, along: Array, across: Array) -> Array:
-    """Covariance (along and across ``turn``) times ``slope``."""
-    part = (slope * turn).sum(axis=2)[..., None] * turn
-    return along[..., None] * part + across[..., None] * (slope - part)
