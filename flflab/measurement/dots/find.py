@@ -14,7 +14,7 @@ from flflab.measurement.dots.fit import Seen, Stand, stand_of
 from flflab.measurement.dots.model import Microlenses, Shown, microlenses_of, shown
 from flflab.measurement.dots.pose import Candidates, candidates_near
 from flflab.measurement.dots.search import NEAR_PX, where_to_look
-from flflab.measurement.dots.spots import BESIDE_PX, Due, Spots, measure_spots
+from flflab.measurement.dots.spots import BESIDE_PX, Spots, measure_spots
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import blur_px, sensor_pixel, sensor_position
 from flflab.measurement.sensor.noise import SensorNoise
@@ -101,16 +101,15 @@ def find_dots(
     while True:
         coarse = rounds < len(SEARCHES)
         candidates, lenses, expected = _lit(pairs, every, stands, shift, wide)
-        due = Due(
+        search = min(SEARCHES[rounds], room) if coarse else 0.0
+        spots = measure_spots(
+            values,
             sensor_pixel(camera.sensor, lenses.centres + expected.centroid),
             lattice.centres_px[candidates.lens],
-            lattice.outside_radius_px + RIM_PX,
-            reach,
-            widest,
-            min(SEARCHES[rounds], room) if coarse else 0.0,
+            (lattice.outside_radius_px + RIM_PX, reach + search, widest),
+            noise,
         )
         rounds += 1
-        spots = measure_spots(values, due, noise)
         away = sensor_position(camera.sensor, spots.centroids) - lenses.centres
         if coarse:
             stands = _shifted(stands, candidates, lenses, away - expected.centroid, spots, expected)

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
@@ -25,6 +26,7 @@ CLEAR = 5.0  # standard deviations of noise, by which a spot's light stands out
 # of a spot's pixels: up to so many are taken for as bright as those beside them; where there are
 # more, the spot is clipped, and its centroid less sure by a share of its blur, and px
 MOST_SATURATED, CLIPPED, CLIPPED_PX = 0.1, 0.2, 0.02
+MOST_BESIDE = 12  # of 25 pixels, not saturated, that do not stand for a saturated one
 MOST_SHARED = 0.05  # of a spot's area, that others may reach into
 
 
@@ -50,142 +52,127 @@ class Spots:
     whole: Flags
 
 
-@dataclass(frozen=True)
-class Due:
-    """Where spots are due, px.
-
-    Attributes:
-        places: of each, shape (n, 2).
-        centres: of their micro-images, shape (n, 2).
-        rim: radius of these.
-        reach: radius of a spot with its blur.
-        blur: its diameter.
-        search: by how much spots may lie elsewhere.
-    """
-
-    places: Array
-    centres: Array
-    rim: float
-    reach: float
-    blur: float
-    search: float
-
-    @property
-    def far(self) -> float:
-        """Radius of the light that counts."""
-        return self.reach + self.search + BESIDE_PX
-
-
-@dataclass(frozen=True)
-class _Windows:
-    """Pixels round each spot, shape (n, size, size): their light and places, which count, which the
-    spot covers, which it covers alone, and which are background.
-    """
-
-    light: npt.NDArray[np.float32]
-    x: npt.NDArray[np.float32]
-    y: npt.NDArray[np.float32]
-    own: Flags
-    spot: Flags
-    alone: Flags
-    ring: Flags
-
-
-def measure_spots(values: npt.NDArray[Any], due: Due, noise: SensorNoise) -> Spots:
+def measure_spots(
+    values: npt.NDArray[Any],
+    places: Array,
+    centres: Array,
+    radii: tuple[float, float, float],
+    noise: SensorNoise,
+) -> Spots:
     """Measure spots round where they are due.
 
     Args:
         values: DN, [row, col].
-        due: the spots.
+        places: where each is due, px, shape (n, 2).
+        centres: of their micro-images, px, shape (n, 2).
+        radii: of micro-images, of spots with their blur, and of the blur, px.
         noise: of the sensor.
     """
-    if len(due.places) == 0:
-        none = np.zeros(0)
-        no = none.astype(np.bool_)
-        return Spots(due.places, none, due.places, none, none.astype(np.int64), no)
-    seen = _windows(values, due)
-    own, area = seen.own, seen.spot.sum(axis=(1, 2))
-    full = own & (seen.light >= noise.full_scale_dn)
-    saturated = full.sum(axis=(1, 2))
-    clipped = saturated > MOST_SATURATED * area
-    dark, dark_variance = _background(seen, noise)
-    spread = np.where(own, noise.variance(seen.light).astype(np.float32), np.float32(0))
-    read = seen.light.copy()
-    for n in np.flatnonzero((saturated > 0) & ~clipped):
-        read[n] = _filled(read[n], full[n], seen.spot[n])
-    light = np.where(own, read - dark[:, None, None].astype(np.float32), np.float32(0))
-    total = light.sum(axis=(1, 2), dtype=np.float64)
-    some = np.where(total > 0, total, np.inf)
-    centroids, variance = due.places.copy(), np.zeros_like(due.places)
-    for axis, place in enumerate((seen.x, seen.y)):
-        away = place - due.places[:, axis, None, None].astype(np.float32)
-        shift = (light * away).sum(axis=(1, 2), dtype=np.float64) / some
-        lever = np.where(own, away - shift[:, None, None].astype(np.float32), 0)
-        centroids[:, axis] += shift
-        variance[:, axis] = (spread * lever * lever).sum(axis=(1, 2))
-        variance[:, axis] += dark_variance * lever.sum(axis=(1, 2), dtype=np.float64) ** 2
-    variance /= (some**2)[:, None]
-    variance[clipped] += (CLIPPED * due.blur + CLIPPED_PX) ** 2
-    light_variance = spread.sum(axis=(1, 2)) + dark_variance * own.sum(axis=(1, 2)) ** 2.0
-    whole = seen.alone.sum(axis=(1, 2)) >= (1 - MOST_SHARED) * np.maximum(area, 1)
-    whole &= total > CLEAR * np.sqrt(light_variance)
-    return Spots(centroids, total, variance, light_variance, saturated, whole)
-
-
-def _windows(values: npt.NDArray[Any], due: Due) -> _Windows:
-    """What is read round each spot; a pixel that two claim is the nearer one's."""
-    places, centres, far = due.places, due.centres, due.far
-    half = math.ceil(far + RING_PX)
-    window = np.arange(-half, half + 1)
-    middle = np.rint(places).astype(np.int64)
-    rows, columns = middle[:, 1, None] + window, middle[:, 0, None] + window
-    seen = _within(rows, values.shape[0])[:, :, None] & _within(columns, values.shape[1])[:, None]
-    at = (
-        np.clip(rows, 0, values.shape[0] - 1)[:, :, None],
-        np.clip(columns, 0, values.shape[1] - 1)[:, None],
-    )
-    x, y = columns.astype(np.float32)[:, None], rows.astype(np.float32)[:, :, None]
-
-    def away(points: Array, which: slice | int = slice(None)) -> npt.NDArray[np.float32]:
-        at_x, at_y = np.moveaxis(points.astype(np.float32)[..., None, None], -3, 0)
-        return (x[which] - at_x) ** 2 + (y[which] - at_y) ** 2
-
-    lit, near = away(centres) <= due.rim**2, away(places)
-    spot, own = (near <= due.reach**2) & lit, (near <= far**2) & lit & seen
-    ring = (near > far**2) & (near <= (far + RING_PX) ** 2) & seen
-    alone = spot & seen
-    pairs = np.array(sorted(KDTree(places).query_pairs(2 * far + RING_PX)), dtype=np.int64)
-    for n, k in [*pairs, *pairs[:, ::-1]] if len(pairs) else []:
-        from_it = away(places[k], n)
-        theirs = (from_it <= far**2) & (away(centres[k], n) <= due.rim**2)
-        ring[n] &= ~theirs
-        alone[n] &= ~theirs | (from_it > due.reach**2)
-        own[n] &= ~theirs | (near[n] <= from_it)
-    return _Windows(values[at].astype(np.float32), x, y, own, spot, alone, ring)
-
-
-def _background(seen: _Windows, noise: SensorNoise) -> tuple[Array, Array]:
-    """Mean of each ring, DN, and its variance; that of all where a ring has too few pixels."""
-    ring = seen.ring & (seen.light < noise.full_scale_dn)
-    beside = ring.sum(axis=(1, 2))
-    dark = np.where(ring, seen.light, np.float32(0)).sum(axis=(1, 2), dtype=np.float64)
-    dark /= np.maximum(beside, 1)
+    rim, reach, blur = radii
+    far = reach + BESIDE_PX
+    pairs = KDTree(places).query_pairs(2 * far + RING_PX, output_type="ndarray")
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+    first = np.searchsorted(pairs[:, 0], np.arange(len(places) + 1))
+    others = np.ascontiguousarray(pairs[:, 1])
+    spots, squares = np.concatenate([places, centres], axis=1), np.array([rim, reach, far]) ** 2
+    full = noise.full_scale_dn
+    pixels, sums = _summed(values, full, spots, squares, first, others)
+    area, alone, saturated, beside, ring = pixels.T
+    dark = ring / np.maximum(beside, 1)
     enough = beside >= FEWEST
     dark = np.where(enough, dark, np.median(dark[enough]) if enough.any() else noise.offset_dn)
-    return dark, noise.variance(dark) / np.maximum(beside, FEWEST)
+    gain, floor = noise.dn_per_electron, noise.variance(dark)
+    of_dark = floor / np.maximum(beside, FEWEST)
+    light = sums[:, 1] - dark[:, None] * sums[:, 0]
+    count, total = sums[:, 0, 0], light[:, 0]
+    some = np.where(total > 0, total, np.inf)
+    shift = light[:, 1:3] / some[:, None]
+
+    def about(moments: Array) -> Array:
+        """Second moments about the centroid."""
+        return moments[:, 3:] - 2 * shift * moments[:, 1:3] + shift**2 * moments[:, :1]
+
+    variance = gain * np.maximum(about(light), 0) + floor[:, None] * about(sums[:, 0])
+    variance += of_dark[:, None] * (sums[:, 0, 1:3] - shift * count[:, None]) ** 2
+    variance /= (some**2)[:, None]
+    variance[saturated > MOST_SATURATED * area] += (CLIPPED * blur + CLIPPED_PX) ** 2
+    light_variance = gain * np.maximum(total, 0) + floor * count + of_dark * count**2
+    whole = alone >= (1 - MOST_SHARED) * np.maximum(area, 1)
+    whole &= total > CLEAR * np.sqrt(light_variance)
+    return Spots(places + shift, total, variance, light_variance, saturated.astype(int), whole)
 
 
-def _within(places: Whole, size: int) -> Flags:
-    return (places >= 0) & (places < size)
+@numba.njit(cache=True, error_model="numpy")
+def _summed(
+    values: npt.NDArray[Any],
+    full: float,
+    spots: Array,
+    squares: Array,
+    first: Whole,
+    others: Whole,
+) -> tuple[Array, Array]:
+    """Sums over the pixels of each spot; a pixel that two claim is the nearer one's.
+
+    Args:
+        values: DN, [row, col].
+        full: what a saturated pixel reads, DN.
+        spots: place and centre of the micro-image of each, px, shape (n, 4).
+        squares: of the radii of micro-images, of spots, and of the light that counts, px^2.
+        first: where the neighbours of each begin in ``others``, shape (n + 1,).
+        others: their numbers.
+
+    Returns:
+        Pixels of the spot, those it covers alone, saturated ones, those of the ring and their sum,
+        DN, shape (n, 5); over the pixels that count, of 1 and of light: sum, first moments along x
+        and y from the place, and second ones, shape (n, 2, 5).
+    """
+    pixels, sums = np.zeros((len(spots), 5)), np.zeros((len(spots), 2, 5))
+    rim, reach, far = squares
+    ring = (math.sqrt(far) + RING_PX) ** 2
+    half = math.ceil(math.sqrt(ring))
+    rows, columns = values.shape
+    for n in range(len(spots)):
+        x, y, centre_x, centre_y = spots[n]
+        for row in range(round(y) - half, round(y) + half + 1):
+            for column in range(round(x) - half, round(x) + half + 1):
+                d_x, d_y = column - x, row - y
+                near = d_x * d_x + d_y * d_y
+                lit = (column - centre_x) ** 2 + (row - centre_y) ** 2 <= rim
+                if near > ring or (near <= far and not lit):
+                    continue
+                pixels[n, 0] += near <= reach
+                if row < 0 or column < 0 or row >= rows or column >= columns:
+                    continue
+                theirs = np.inf
+                for m in range(first[n], first[n + 1]):
+                    at_x, at_y, in_x, in_y = spots[others[m]]
+                    if (column - in_x) ** 2 + (row - in_y) ** 2 <= rim:
+                        theirs = min(theirs, (column - at_x) ** 2 + (row - at_y) ** 2)
+                light = float(values[row, column])
+                saturated = light >= full
+                if saturated:
+                    light = _beside(values, row, column, full)
+                if near <= far:
+                    pixels[n, 1] += near <= reach and theirs > reach
+                    if theirs > far or near <= theirs:
+                        pixels[n, 2] += saturated
+                        for k, term in enumerate((1.0, d_x, d_y, d_x * d_x, d_y * d_y)):
+                            sums[n, 0, k] += term
+                            sums[n, 1, k] += light * term
+                elif theirs > far:
+                    pixels[n, 3] += 1
+                    pixels[n, 4] += light
+    return pixels, sums
 
 
-def _filled(light: npt.NDArray[np.float32], full: Flags, spot: Flags) -> npt.NDArray[np.float32]:
-    """A window with its saturated pixels as bright as those near them in the spot, or beside it."""
-    filled = light.copy()
-    good = ~full
-    for row, column in np.argwhere(full):
-        near = np.s_[max(row - 2, 0) : row + 3, max(column - 2, 0) : column + 3]
-        alike = good[near] & (spot[near] == spot[row, column])
-        if alike.any():
-            filled[row, column] = np.median(light[near][alike])
-    return filled
+@numba.njit(cache=True, error_model="numpy")
+def _beside(values: npt.NDArray[Any], row: int, column: int, full: float) -> float:
+    """Mean of those of 5 x 5 pixels that are not saturated; full scale where most are."""
+    count, total = 0, 0.0
+    for i in range(max(row - 2, 0), min(row + 3, values.shape[0])):
+        for j in range(max(column - 2, 0), min(column + 3, values.shape[1])):
+            if values[i, j] < full:
+                count += 1
+                total += values[i, j]
+    return total / count if count > MOST_BESIDE else full
