@@ -3,17 +3,18 @@ target was.
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.errors import InputError, MeasurementError
+from flflab.errors import InputError
 from flflab.files.raw import RawPicture
 from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
 from flflab.measurement.contrast.curve import fit_contrasts
-from flflab.measurement.dots.scale import scale_of_dots, unlike_the_description
+from flflab.measurement.dots.scale import unlike_the_description
 from flflab.measurement.dots.views import DotViews, count_views
 from flflab.measurement.edges.views import APART, EdgeCurve, measure_edges_of_kinds
 from flflab.measurement.lattice.lattice import Lattice
@@ -34,8 +35,6 @@ from flflab.measurement.presence import (
 )
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.white import measure_described
-from flflab.measurement.without_white.bars import lattice_from_bars
-from flflab.measurement.without_white.dots import lattice_from_dots
 from flflab.optics.camera import Camera
 from flflab.optics.focus import sharp_vergence
 from flflab.optics.resolution import central_smms
@@ -43,6 +42,9 @@ from flflab.remark import Remark
 from flflab.targets import Bars, BarsAlongY, Chirp, Edge, FourDot, Target, White
 
 WORTH_SAYING = 0.01  # of the light, misfit
+# standard uncertainties of a lattice that only the camera's description says: of its origin, and of
+# its pitch and turn, relative
+NOMINAL_PX, NOMINAL = 3.0, 1e-3
 
 
 def measure(
@@ -56,9 +58,8 @@ def measure(
     """Measure one frame.
 
     A white frame gives the lattice, of which only layout and rough pitch are taken from the camera.
-    Another frame is measured on the lattice of the white one beside it. Without one the lattice is
-    measured where dots or bars are white, from the camera's nominal one; sines and edges are
-    measured on that itself. A remark says so.
+    Another frame is measured on the lattice of the white one beside it, without one on the camera's
+    nominal one, whose doubts it then has; a remark says so.
 
     Args:
         picture: [row, col]; DN, or any other unit where ``noise`` is None. A raw one is measured
@@ -94,7 +95,9 @@ def measure(
     require_light(values, evened, target)
     away = _sharp_distance(camera) if distance is None else distance
     if white is None:
-        lattice, remark = _lattice_without_white(values, evened, camera, target, away)
+        lattice, remark = _nominal(camera, brightest_light(values, evened))
+        if isinstance(target, FourDot):
+            require_blur_within(lattice, camera, away)
         shown = lattice_json(lattice)
         remarks.append(remark)
     else:
@@ -107,7 +110,7 @@ def measure(
         dots = count_views(values, lattice, camera, target, away, evened)
         require_dots(values, dots, camera, target, away, evened)
         result["dots"] = [dot_json(dot) for dot in dots]
-        scale = scale_of_dots(dots, lattice, camera, target, away)
+        scale = dots[0].scale
         unlike = unlike_the_description(scale, camera, away) if scale else []
         remarks += [Remark("dots-unlike-camera", one) for one in unlike]
         remarks += _remarks_on_limits(dots)
@@ -155,44 +158,26 @@ def measure(
     }
 
 
-def _lattice_without_white(
-    values: npt.NDArray[np.floating[Any]],
-    noise: SensorNoise,
-    camera: Camera,
-    target: FourDot | Bars | Edge,
-    distance: float,
-) -> tuple[Lattice, Remark]:
-    """The lattice measured within dots or white bars, from the camera's nominal one, else that one;
-    a remark says which and why.
-    """
-    nominal, why = nominal_lattice(camera, brightest_light(values, noise)), ""
-    try:
-        if isinstance(target, FourDot):
-            found, where = (
-                lattice_from_dots(values, nominal, camera, target, distance, noise),
-                "the dots",
-            )
-        elif (
-            isinstance(target, Bars)
-            and target.kind == "bars"
-            and len(camera.array.focal_lengths) == 1
-        ):
-            found, where = (
-                lattice_from_bars(values, nominal, camera, target, distance, noise),
-                "the white bars",
-            )
-        else:
-            found, where = nominal, ""
-    except MeasurementError as error:
-        if isinstance(target, FourDot):
-            require_blur_within(nominal, camera, distance)
-        found, where, why = nominal, "", f" ({error})"
-    measured = (
-        f"was measured within {where}, from the camera's nominal one"
-        if where
-        else "is the camera's nominal one, not measured"
+def _nominal(camera: Camera, light_dn: float) -> tuple[Lattice, Remark]:
+    """The camera's nominal lattice, as sure as a description is of its bench, and a remark."""
+    lattice = nominal_lattice(camera, light_dn)
+    wider, turned = lattice.vectors_px.T.ravel(), (lattice.vectors_px.T @ [[0, 1], [-1, 0]]).ravel()
+    covariance = np.zeros((6, 6))
+    covariance[:2, :2] = NOMINAL_PX**2 * np.eye(2)
+    covariance[2:, 2:] = NOMINAL**2 * (np.outer(wider, wider) + np.outer(turned, turned))
+    lattice = replace(
+        lattice,
+        covariance_px=covariance,
+        origin_uncertainty_px=np.full(2, NOMINAL_PX),
+        pitch_uncertainty_px=NOMINAL * lattice.pitch_px,
+        angle_uncertainty=NOMINAL,
     )
-    return found, Remark("no-white", f"no white picture: the lattice {measured}{why}")
+    said = (
+        "no white picture: the lattice is the camera's nominal one, not measured, and taken to be"
+        f" known to {NOMINAL_PX:g} px and {100 * NOMINAL:g} % of its pitch; name a white picture"
+        " (--white)"
+    )
+    return lattice, Remark("no-white", said)
 
 
 def _sharp_distance(camera: Camera) -> float:

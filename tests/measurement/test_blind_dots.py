@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from flflab.errors import MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
-from flflab.measurement.dots.blind import blind_pose, spots_in
+from flflab.measurement.dots.pose import spots_in
 from flflab.measurement.dots.views import count_views
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
@@ -96,11 +97,12 @@ def test_hot_pixels_are_no_spots(brute: Any) -> None:
 
 @pytest.mark.ci
 @pytest.mark.parametrize("target", [White(), Chirp((0.3, 2.0), 40.0, 40.0)])
-def test_what_makes_no_square_is_no_law(brute: Any, target: Target) -> None:
+def test_what_makes_no_square_is_no_pattern(brute: Any, target: Target) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     lattice = lattice_behind(camera, taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), NOISE)
     picture = taken(brute, 4.0, target, FOCUS, (0.0, 0.0), 0.0)
-    assert blind_pose(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None
+    with pytest.raises(MeasurementError, match="no pattern of dots"):
+        count_views(picture, lattice, camera, TARGET, FOCUS, NOISE)
 
 
 def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
@@ -108,4 +110,5 @@ def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     lattice = lattice_behind(camera, taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), NOISE)
     picture = taken(brute, 4.0, FourDot(diameter=1.0, spacing=6.0), FOCUS, (0.5, 0.3), 0.1)
-    assert blind_pose(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None
+    with pytest.raises(MeasurementError, match="no pattern of dots"):
+        count_views(picture, lattice, camera, TARGET, FOCUS, NOISE)

@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from flflab.errors import MeasurementError
 from flflab.measurement.dots.fit import Seen, Stand, stand_of
-from flflab.measurement.dots.model import Microlenses, Shown, microlenses_of, shown
-from flflab.measurement.dots.pose import Candidates, candidates_near
-from flflab.measurement.dots.search import NEAR_PX, where_to_look
+from flflab.measurement.dots.model import Microlenses, Shown, microlenses_of, shown_pairs
+from flflab.measurement.dots.pose import NEAR_PX, pose_of
 from flflab.measurement.dots.spots import BESIDE_PX, Spots, measure_spots
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import blur_px, sensor_pixel, sensor_position
@@ -32,9 +31,9 @@ FAINTEST = 1e-3  # the same: darker ones do not matter to others either
 MODEL_PX = 0.001  # of a spot's centroid, beside exact pictures by rays: up to so much
 RIM_PX = 1.5  # beyond its outside radius, in which a micro-image may have light
 RADIUS_PX = 1.0  # by which rims that are soft may mislead the white picture's radii
-WELL_LIT = 0.5  # of a whole spot's light: such spots say where a dot is, roughly
-SEARCHES = NEAR_PX, NEAR_PX / 2  # px, by which spots may lie elsewhere, before they are fitted
-ROUNDS, SETTLED_PX = 4, 0.2  # of measuring and fitting, until no place moves by more
+# px, by which spots may lie elsewhere in each round of measuring and fitting, until no place moves
+# by more than the last
+SEARCHES, SETTLED_PX = (NEAR_PX, NEAR_PX / 2, 0.0, 0.0, 0.0, 0.0), 0.2
 # of the width of blurred dots: so far apart, what light they have of one another moves them by less
 # than is stated
 APART = 0.9
@@ -45,22 +44,18 @@ class Found:
     """The spots of a picture, one entry for each pair of dot and micro-image.
 
     Attributes:
-        candidates: dot and micro-image of each.
         spots: as measured.
         seen: the same as fitted.
         stand: where the dots stand, and what their spots then are.
         distance: main lens to target, mm: the nominal one, or where the dots were found.
         reach_px: radius of a spot with its blur.
-        radius_px: of a spot in focus.
     """
 
-    candidates: Candidates
     spots: Spots
     seen: Seen
     stand: Stand
     distance: float
     reach_px: float
-    radius_px: float
 
     @property
     def chief_px(self) -> Array:
@@ -77,76 +72,75 @@ def find_dots(
     distance: float,
     noise: SensorNoise,
 ) -> Found:
-    """Find the images of the dots round where the nominal camera puts them, to 30 px, and if they
-    are not there, anywhere.
+    """Find the images of the dots where the nominal camera puts them, and if they are not there,
+    anywhere.
 
     Raises:
-        MeasurementError: target at infinity, no dot found where the camera puts some, dots blurred
-            into one another, or no spot that can be measured.
+        MeasurementError: target at infinity, no dot found, dots blurred into one another, or no
+            spot that can be measured.
     """
-    pose = where_to_look(values, lattice, camera, target, distance, noise)
+    every = microlenses_of(lattice, camera)
+    pose = pose_of(values, lattice, every, target, distance, noise)
     pixel, vergence = camera.sensor.pixel, 1 / pose.distance
     size = float(magnification(central_smms(camera), vergence)) / pixel
     radius = target.diameter / 2 * size
     _require_apart(target.spacing * size, 2 * radius, blur_px(camera, pose.distance))
     widest = max(float(blur(one, vergence)) for one in type_smms(camera)) / pixel
     reach = radius + widest / 2
-    every, kappa = microlenses_of(lattice, camera), _kappa_apart(lattice, camera)
-    stands, shift = pose.start(camera, target), kappa[0]
-    wide = target.diameter / pose.distance
-    pairs = candidates_near(pose, lattice, camera, target, reach + NEAR_PX)
+    kappa = _kappa_apart(lattice, camera)
+    doubts = np.zeros(len(every.rise)) if lattice.doubts_px is None else lattice.doubts_px
+    stands, focus, wide = pose.values, kappa[0], target.diameter / pose.distance
     # beyond halfway to the next dot a micro-image may show that one
     room = max(target.spacing * size / 2 - reach - BESIDE_PX, 0.0)
     rounds = 0
     while True:
-        coarse = rounds < len(SEARCHES)
-        candidates, lenses, expected = _lit(pairs, every, stands, shift, wide)
-        search = min(SEARCHES[rounds], room) if coarse else 0.0
+        search = SEARCHES[rounds]
+        rounds += 1
+        (dot, lens), expected = _lit(every.refocused(focus), stands, wide, reach)
+        lenses = every.those(lens)
+        around = reach + BESIDE_PX + min(search, room)
         spots = measure_spots(
             values,
             sensor_pixel(camera.sensor, lenses.centres + expected.centroid),
-            lattice.centres_px[candidates.lens],
-            (lattice.outside_radius_px + RIM_PX, reach + search, widest),
+            lattice.centres_px[lens],
+            (lattice.outside_radius_px + RIM_PX, reach, around),
+            widest,
             noise,
         )
-        rounds += 1
-        away = sensor_position(camera.sensor, spots.centroids) - lenses.centres
-        if coarse:
-            stands = _shifted(stands, candidates, lenses, away - expected.centroid, spots, expected)
-            continue
         seen = Seen(
             lenses,
-            candidates.dot,
-            candidates.lens,
-            away,
+            dot,
+            lens,
+            sensor_position(camera.sensor, spots.centroids) - lenses.centres,
             (spots.variance + MODEL_PX**2) * pixel**2,
-            _places_unsure(lattice, len(every.rise))[candidates.lens] * pixel,
+            doubts[lens] * pixel,
             lattice.radii_apart_px * pixel / every.radius,
             spots.whole & (expected.light > LEAST_LIGHT),
             kappa,
             wide,
         )
+        if search > 0 and not seen.counted.any():
+            continue
         if not seen.counted.any():
             raise _nothing(expected)
-        stand = stand_of(seen, pose.start(camera, target), stands, shift)
+        stand = stand_of(seen, pose.values, stands, focus)
         moved = np.abs(stand.shown.centroid - expected.centroid).max() / pixel
-        stands, shift = stand.values, stand.focus
-        wide = _angular_size(stands, np.unique(candidates.dot[seen.counted]), target) or wide
-        if moved < SETTLED_PX or rounds == ROUNDS + len(SEARCHES):
+        stands, focus = stand.values, stand.focus
+        wide = _angular_size(stands, np.unique(dot[seen.counted]), target) or wide
+        if rounds == len(SEARCHES) or (search == 0 and moved < SETTLED_PX):
             break
-    return Found(candidates, spots, seen, stand, pose.distance, reach, radius)
+    return Found(spots, seen, stand, pose.distance, reach)
 
 
 def _lit(
-    candidates: Candidates, every: Microlenses, stands: Array, shift: float, size: float
-) -> tuple[Candidates, Microlenses, Shown]:
-    """The candidates that show any light, their microlenses, and what they show."""
-    at = stands[candidates.dot]
-    lenses = every.those(candidates.lens).refocused(shift)
-    light = shown(lenses, at[:, :2], at[:, 2], size).light > FAINTEST
-    candidates, at = candidates.those(light), at[light]
-    lenses = every.those(candidates.lens)
-    return candidates, lenses, shown(lenses.refocused(shift), at[:, :2], at[:, 2], size)
+    every: Microlenses, stands: Array, size: float, reach_px: float
+) -> tuple[tuple[Whole, Whole], Shown]:
+    """Dots and microlenses of which any light falls on the sensor, and what they show."""
+    (dot, lens), expected = shown_pairs(every, stands, size, FAINTEST)
+    sensor = every.camera.sensor
+    due = sensor_pixel(sensor, every.centres[lens] + expected.centroid)
+    on = np.all((due > -reach_px) & (due < np.array(sensor.resolution) + reach_px), axis=1)
+    return (dot[on], lens[on]), expected.those(on)
 
 
 def _angular_size(stands: Array, seen: Whole, target: FourDot) -> float | None:
@@ -159,11 +153,6 @@ def _angular_size(stands: Array, seen: Whole, target: FourDot) -> float | None:
         np.linalg.norm(at[seen] - at[seen].mean(axis=0)) for at in (stands[:, :2], target.centres)
     )
     return target.diameter * float(apart / due)
-
-
-def _places_unsure(lattice: Lattice, count: int) -> Array:
-    """Standard uncertainty of each micro-image's own centre, px."""
-    return np.zeros(count) if lattice.doubts_px is None else lattice.doubts_px
 
 
 def _kappa_apart(lattice: Lattice, camera: Camera) -> tuple[float, float]:
@@ -187,24 +176,6 @@ def _require_apart(apart: float, width: float, blur: float) -> None:
             f" of blur, {width + blur:.1f} px wide; {APART * (width + blur):.1f} px apart are"
             " needed to separate them; take dots further apart, or move them towards the focus"
         )
-
-
-def _shifted(
-    stands: Array,
-    candidates: Candidates,
-    lenses: Microlenses,
-    off: Array,
-    spots: Spots,
-    expected: Shown,
-) -> Array:
-    """The dots moved aside to the median of how far their spots are off, mm."""
-    shifted = stands.copy()
-    for dot in range(len(stands)):
-        mine = (candidates.dot == dot) & spots.whole & (expected.light > WELL_LIT)
-        if mine.any():
-            x = lenses.distance * (stands[dot, 2] - 1 / lenses.lens_focal) + 1
-            shifted[dot, :2] -= np.median(off[mine], axis=0) * x / lenses.gap
-    return shifted
 
 
 def _nothing(expected: Shown) -> MeasurementError:

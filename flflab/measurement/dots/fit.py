@@ -6,7 +6,6 @@ centre and focus are known, and by the model's own error; outliers (dust, a neig
 less weight. Views that scatter more than that make all of it less sure.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +18,8 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
-STEPS = 1e-3, 1e-3, 1e-5, 1e-3  # by which slopes are told: direction, vergence, kappa
+# by which slopes are told: direction, vergence, kappa, and place (x, y) and rise of the lens
+STEPS = 1e-3, 1e-3, 1e-5, 1e-3, 1e-4, 1e-4, 1e-5
 MOST_STEPS, SETTLED = 20, 0.01  # of the fit, until none is more than that of an uncertainty
 OUTLYING = 2.0  # standard deviations from which on a residual has less weight
 VERGENCE, DIRECTION = 0.3, 0.2  # standard deviations of what is known before: a share, and rad
@@ -69,9 +69,11 @@ class Stand:
         by_lens: how these move with a standard deviation of each one's place (x, y) and focus,
             shape (3 dots + 1, 3 m): the spots of several dots in a lens are off together.
         gains: how these move with each counted coordinate, per mm, shape (3 dots + 1, 2 n).
-        slopes: how each coordinate moves with these, shape (2 n, 3 dots + 1).
-        lags: how the chief ray's place moves with them more than that, the same way.
-        by_centre: how each spot moves with its micro-image's centre, shape (n, 2, 2).
+        chief_slopes: how each chief ray's landing moves with these, shape (2 n, 3 dots + 1).
+        lags: how it moves with them more than the centroid, the same way.
+        by_centre: how each spot moves with its micro-image's centre, from which it is counted,
+            shape (n, 2, 2).
+        by_rise: how it moves with ``Microlenses.rise``, shape (n, 2).
         excess: variance of the residuals over what was expected, at least 1.
         freedom: degrees of freedom of that.
     """
@@ -84,9 +86,10 @@ class Stand:
     lenses: Whole
     by_lens: Array
     gains: Array
-    slopes: Array
+    chief_slopes: Array
     lags: Array
     by_centre: Array
+    by_rise: Array
     excess: float
     freedom: float
 
@@ -100,46 +103,47 @@ def stand_of(seen: Seen, known: Array, start: Array, focus: float) -> Stand:
         start: the same to begin with.
         focus: to begin with.
     """
-    prior = np.append(
-        np.stack([*np.full((2, len(known)), DIRECTION), VERGENCE * known[:, 2]], axis=1),
-        seen.kappa[1],
-    )
+    prior = np.stack([*np.full((2, len(known)), DIRECTION), VERGENCE * known[:, 2]], axis=1)
+    sure = np.diag(np.append(prior, seen.kappa[1]) ** -2.0)
     before, free = np.append(known, seen.kappa[0]), np.append(start, focus)
-    by_centre = _by_centre(seen, free)
-    own = (seen.place[:, None] * np.hypot(by_centre[..., 0], by_centre[..., 1])) ** 2
     which = np.repeat(seen.counted, 2)
     steps = 0
     while True:
-        here, slopes, lags = _slopes(seen, free)
+        here, by_spot, by_chief = _slopes(seen, free)
+        by_centre = by_spot[..., 4:6] + np.eye(2)
+        own = (seen.place[:, None] * np.hypot(by_centre[..., 0], by_centre[..., 1])) ** 2
         spread = np.sqrt(seen.variance + own + (seen.focus * here.pupil) ** 2)
         rest = np.where(which, ((seen.centroids - here.centroid) / spread).reshape(-1), 0.0)
         typical = max(1.0, 1.4826 * float(np.median(np.abs(rest[which]))))
         weights = which * np.minimum(1.0, OUTLYING * typical / np.maximum(np.abs(rest), 1e-9))
-        rows = slopes / spread.reshape(-1)[:, None]
-        inverse = _inverse((rows.T * weights) @ rows + np.diag(prior**-2.0))
-        step = inverse @ (rows.T @ (weights * rest) + (before - free) / prior**2)
+        rows = _of_dots(by_spot, seen.dot, len(free)) / spread.reshape(-1)[:, None]
+        inverse = _inverse((rows.T * weights) @ rows + sure)
+        step = inverse @ (rows.T @ (weights * rest) + sure @ (before - free))
         steps += 1
         if steps == MOST_STEPS or np.all(np.abs(step) < SETTLED * np.sqrt(np.diag(inverse))):
             break
         free = free + step
     freedom = max(float(weights.sum()) - len(free), 0.0)
     excess = max(1.0, float((weights * rest**2).sum()) / freedom) if freedom > 0 else 1.0
-    excess = 1 + (excess - 1) * _sure(freedom)
+    # a variance of few degrees of freedom counts more
+    excess = 1 + (excess - 1) * float(student.ppf(0.8413, max(freedom, 1.0))) ** 2
     gains = inverse @ (rows.T * weights) / spread.reshape(-1)
     lenses, by_lens = _by_lens(seen, gains, by_centre, here.pupil)
     scatter = (gains * seen.variance.reshape(-1)) @ gains.T + by_lens @ by_lens.T
+    chief_slopes = _of_dots(by_chief, seen.dot, len(free))
     return Stand(
         free[:-1].reshape(-1, 3),
         float(free[-1]),
         here,
         spread,
-        excess * scatter + inverse @ np.diag(prior**-2.0) @ inverse,
+        excess * scatter + inverse @ sure @ inverse,
         lenses,
         np.sqrt(excess) * by_lens,
         gains,
-        slopes,
-        lags,
+        chief_slopes,
+        chief_slopes - _of_dots(by_spot, seen.dot, len(free)),
         by_centre,
+        by_spot[..., 6],
         excess,
         freedom,
     )
@@ -157,50 +161,40 @@ def _by_lens(seen: Seen, gains: Array, by_centre: Array, pupil: Array) -> tuple[
     return lenses, total.transpose(1, 0, 2).reshape(len(gains), -1)
 
 
-def _formed(seen: Seen, free: Array) -> Shown:
-    values = free[:-1].reshape(-1, 3)[seen.dot]
-    lenses = seen.lenses.refocused(float(free[-1]))
-    return shown(lenses, values[:, :2], values[:, 2], seen.size)
-
-
 def _slopes(seen: Seen, free: Array) -> tuple[Shown, Array, Array]:
-    """What is shown, how each spot's coordinates move with each free number, and how much more its
-    chief ray's; shapes (2 n, 3 dots + 1).
+    """What is shown, and how each spot's centroid and its chief ray's landing move with the numbers
+    of ``STEPS``, shape (n, 2, 7).
     """
-    here, spots = _formed(seen, free), np.arange(len(seen.dot))
-    found = np.zeros((2, len(spots), 2, len(free)))
+    values, lenses = free[:-1].reshape(-1, 3)[seen.dot], seen.lenses.refocused(float(free[-1]))
+    here = shown(lenses, values[:, :2], values[:, 2], seen.size)
+    by_spot, by_chief = np.zeros((2, len(values), 2, len(STEPS)))
     for part, step in enumerate(STEPS):
-        moved = free.copy()
-        moved[slice(part, -1, 3) if part < 3 else -1] += step
-        there = _formed(seen, moved)
-        column = 3 * seen.dot + part if part < 3 else np.full(len(spots), len(free) - 1)
-        by_spot = (there.centroid - here.centroid) / step
-        found[0][spots, :, column] = by_spot
-        found[1][spots, :, column] = (there.chief - here.chief) / step - by_spot
-    return here, found[0].reshape(-1, len(free)), found[1].reshape(-1, len(free))
+        at, other = values.copy(), lenses
+        if part < 3:
+            at[:, part] += step
+        elif part == 3:
+            other = lenses.refocused(step)
+        elif part < 6:
+            other = replace(lenses, centres=lenses.centres + step * np.eye(2)[part - 4])
+        else:
+            other = replace(lenses, rise=lenses.rise + step)
+        there = shown(other, at[:, :2], at[:, 2], seen.size)
+        by_spot[..., part] = (there.centroid - here.centroid) / step
+        by_chief[..., part] = (there.chief - here.chief) / step
+    return here, by_spot, by_chief
 
 
-def moved_by(seen: Seen, stand: Stand, change: Callable[[Microlenses], Microlenses]) -> Array:
-    """How far spots move, mm, when their microlenses are others, shape (n, 2)."""
-    free = np.append(stand.values, stand.focus)
-    return _formed(replace(seen, lenses=change(seen.lenses)), free).centroid - stand.shown.centroid
-
-
-def _by_centre(seen: Seen, free: Array) -> Array:
-    """How a spot moves with its micro-image's centre, from which it is counted, shape (n, 2, 2)."""
-    here, step, found = _formed(seen, free), 1e-4, np.zeros((len(seen.dot), 2, 2))
-    for axis in range(2):
-        centres = seen.lenses.centres + step * np.eye(2)[axis]
-        moved = _formed(replace(seen, lenses=replace(seen.lenses, centres=centres)), free)
-        found[:, :, axis] = (moved.centroid - here.centroid) / step + np.eye(2)[axis]
-    return found
+def _of_dots(by: Array, dot: Whole, free: int) -> Array:
+    """Slopes by the numbers of the spot's own dot and kappa as those by all that is free, shape
+    (2 n, ``free``).
+    """
+    found, spots = np.zeros((len(dot), 2, free)), np.arange(len(dot))
+    for part in range(3):
+        found[spots, :, 3 * dot + part] = by[..., part]
+    found[..., -1] = by[..., 3]
+    return found.reshape(-1, free)
 
 
 def _inverse(normal: Array) -> Array:
     scale = np.sqrt(np.outer(np.diag(normal), np.diag(normal)))
     return np.asarray(np.linalg.inv(normal / scale) / scale, dtype=np.float64)
-
-
-def _sure(freedom: float) -> float:
-    """By how much a variance of so few degrees of freedom counts more."""
-    return float(student.ppf(0.8413, max(freedom, 1.0))) ** 2

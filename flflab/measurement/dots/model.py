@@ -116,6 +116,10 @@ class Shown:
     light: Array
     pupil: Array
 
+    def those(self, which: npt.NDArray[np.bool_]) -> "Shown":
+        """Some of them."""
+        return Shown(self.centroid[which], self.chief[which], self.light[which], self.pupil[which])
+
 
 def shown(lenses: Microlenses, angles: Array, vergences: Array, size: float) -> Shown:
     """What microlenses show of a dot each.
@@ -142,6 +146,30 @@ def shown(lenses: Microlenses, angles: Array, vergences: Array, size: float) -> 
         found[:, 4] / (np.pi * np.minimum(lenses.radius, shadow) ** 2),
         found[:, 2:4],
     )
+
+
+def shown_pairs(
+    every: Microlenses, values: Array, size: float, least: float
+) -> tuple[tuple[Whole, Whole], Shown]:
+    """The pairs of a dot and a microlens that shows more than ``least`` of its light, and what it
+    shows.
+
+    Args:
+        every: all microlenses.
+        values: (x, y) of each dot times its vergence, rad, and that, 1/mm, shape (dots, 3).
+        size: diameter of a dot times its vergence, rad.
+        least: of a whole dot's light.
+
+    Returns:
+        Numbers of dots and of microlenses, each of shape (n,), and what these show.
+    """
+    lens, dot = (
+        grid.ravel()
+        for grid in np.meshgrid(np.arange(len(every.rise)), np.arange(len(values)), indexing="ij")
+    )
+    found = shown(every.those(lens), values[dot, :2], values[dot, 2], size)
+    lit = found.light > least
+    return (dot[lit], lens[lit]), found.those(lit)
 
 
 def _at_array(angles: Array, vergences: Array, camera: Camera) -> Array:

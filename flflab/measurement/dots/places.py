@@ -2,15 +2,13 @@
 what all dots of the picture share.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.measurement.dots.find import Found
-from flflab.measurement.dots.fit import moved_by
 from flflab.measurement.lattice.lattice import Lattice
-from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
 
@@ -22,21 +20,16 @@ MODEL_PX = 0.0005
 # wavelength, mm, times the square of where it comes through the microlens over its radius
 DIFFRACTED, LIGHT = 0.1, 550e-6
 WIDEST = 0.05  # of the vergence: what is less sure is no depth
-CAUSES = {
-    "focus": 1,
-    "lattice": 12,
-    "tilt": 2,
-    "model": 1,
-    "diffraction": 1,
-}  # how many columns each has
+# how many columns each has
+CAUSES = {"focus": 1, "lattice": 12, "tilt": 2, "model": 1, "diffraction": 1}
 
 
 @dataclass(frozen=True)
 class Place:
-    """Of one dot.
+    """Of one dot; all nan where its views leave it open.
 
     Attributes:
-        position_mm: in the world, shape (3,); nan where its views leave it open.
+        position_mm: in the world, shape (3,).
         uncertainty_mm: its standard uncertainties, shape (3,).
         common_mm: how it moves with a standard uncertainty of each thing that all dots share, as
             ``CAUSES`` lists them, shape (3, 17).
@@ -50,67 +43,64 @@ class Place:
     by_lens_mm: Array
 
 
-def places_of(found: Found, lattice: Lattice, camera: Camera) -> tuple[Place, ...]:
-    """Those of all dots. The camera counts as known."""
-    common, stand = _common(found, lattice, camera), found.stand
-    lenses = stand.by_lens
+def places_of(found: Found, shared: Array) -> tuple[Place, ...]:
+    """Those of all dots. The camera counts as known.
+
+    Args:
+        found: the dots.
+        shared: as ``shared_by_all`` gives it.
+    """
+    stand, lenses = found.stand, found.stand.by_lens
     rest = stand.covariance - lenses @ lenses.T
     focus = rest[:, -1] / np.sqrt(rest[-1, -1])
     own = rest - np.outer(focus, focus)
-    common = np.concatenate([focus[:, None], common], axis=1)
+    shared = np.concatenate([focus[:, None], shared], axis=1)
+    camera = found.seen.lenses.camera
     limited = bool(microlens_limits(central_smms(camera), 1 / found.distance))
-    counted = found.candidates.dot[found.seen.counted]
+    views = np.bincount(found.seen.dot[found.seen.counted], minlength=len(stand.values))
     placed: list[Place] = []
     for dot, (x, y, vergence) in enumerate(stand.values):
-        part = slice(3 * dot, 3 * dot + 3)
+        part, far = slice(3 * dot, 3 * dot + 3), 1 / vergence
         alone = own[part, part] + lenses[part] @ lenses[part].T
-        known = np.sqrt(alone[2, 2]) < WIDEST * abs(vergence)
-        if not limited or np.count_nonzero(counted == dot) < 2 or not known:
-            nowhere = np.full(3, np.nan)
-            none = np.full((3, lenses.shape[1] // 3, 3), np.nan)
-            placed.append(Place(nowhere, nowhere, np.full((3, common.shape[1]), np.nan), none))
-            continue
-        far = 1 / vergence
+        known = limited and views[dot] > 1 and np.sqrt(alone[2, 2]) < WIDEST * abs(vergence)
         # world: x = (o V)/V, y likewise, z = -1/V
         by = np.array([[far, 0.0, -x * far**2], [0.0, far, -y * far**2], [0.0, 0.0, far**2]])
-        shared = by @ common[part]
-        variance = np.diag(by @ alone @ by.T) + (shared**2).sum(axis=1)
-        position = np.array([x * far, y * far, -far])
+        by = by if known else np.full((3, 3), np.nan)
+        common = by @ shared[part]
+        variance = np.diag(by @ alone @ by.T) + (common**2).sum(axis=1)
+        position = np.array([x, y, -1.0]) * (far if known else np.nan)
         by_lens = (by @ lenses[part]).reshape(3, -1, 3)
-        placed.append(Place(position, np.sqrt(variance), shared, by_lens))
+        placed.append(Place(position, np.sqrt(variance), common, by_lens))
     return tuple(placed)
 
 
-def _common(found: Found, lattice: Lattice, camera: Camera) -> Array:
+def shared_by_all(found: Found, lattice: Lattice) -> Array:
     """How the dots' numbers move with a standard uncertainty of lattice, tilt, model and
     diffraction; shape (3 dots + 1, 16).
     """
-    stand, lens, pixel = found.stand, found.candidates.lens, camera.sensor.pixel
+    stand, lens, lenses = found.stand, found.seen.lens, found.seen.lenses
+    pixel = lenses.camera.sensor.pixel
     moves = np.zeros((len(lens), 2, 6))
     for n in range(2):
         moves[:, n, n], moves[:, n, 2 + n :: 2] = 1.0, lattice.indices[lens]
     by_lattice = pixel * stand.by_centre @ moves
-    shared = np.zeros((len(lens), 2, 12))
+    shared = np.zeros((len(lens), 2, 16))
     if np.isfinite(lattice.covariance_px).all():
         common = lattice.covariance_px if lattice.common_px is None else lattice.common_px
         followed = np.ones(len(lens)) if lattice.followed is None else lattice.followed[lens]
-        shared[..., :6] = by_lattice @ root(common)
-        shared[..., 6:] = followed[:, None, None] * (
-            by_lattice @ root(lattice.covariance_px - common)
-        )
-    tilts = np.zeros((len(lens), 2, 2))
+        alone = by_lattice @ root(lattice.covariance_px - common)
+        shared[..., :6], shared[..., 6:12] = by_lattice @ root(common), alone
+        shared[..., 6:12] *= followed[:, None, None]
     if lattice.cone is not None:
-        tilting, step = lattice.cone.tilting, 1e-5
-        by_rise = moved_by(found.seen, stand, lambda old: replace(old, rise=old.rise + step)) / step
+        tilting = lattice.cone.tilting
         slopes = tilting.per_px * (lattice.centres_px[lens] - tilting.axis_px)
-        tilts = by_rise[:, :, None] * slopes[:, None] * lattice.tilt_uncertainty
-    chief = stand.shown.chief
-    outwards = chief / np.maximum(np.hypot(*chief.T), 1e-12)[:, None]
-    model = MODEL_PX * pixel * outwards[..., None]
-    lenses, pupil = found.seen.lenses, stand.shown.pupil
+        by_tilt = slopes * lattice.tilt_uncertainty
+        shared[..., 12:14] = stand.by_rise[:, :, None] * by_tilt[:, None]
+    chief, pupil = stand.shown.chief, stand.shown.pupil
+    shared[..., 14] = MODEL_PX * pixel * chief / np.maximum(np.hypot(*chief.T), 1e-12)[:, None]
     width = LIGHT * lenses.gap / (2 * lenses.radius)
-    waves = DIFFRACTED * width * pupil * np.hypot(*pupil.T)[:, None] / lenses.radius**2
-    shared = np.concatenate([shared, tilts, model, waves[..., None]], axis=2)
+    aside = pupil / lenses.radius
+    shared[..., 15] = DIFFRACTED * width * aside * np.hypot(*aside.T)[:, None]
     return stand.gains @ shared.reshape(-1, 16)
 
 

@@ -1,33 +1,33 @@
 """How large the square of dots is on the sensor, and how far a dot moves from one micro-image to
 the next, beside what is described.
 
-s - c = shift + m o + p c: a dot's image s in the micro-image of centre c, o the dot on the target
-(``spot_law``). m and p are complex, scale and turn. In a camera as described m = -b V/x and p = m
-D/(L + b), D = 1/V the target's distance, L the array's, b the gap, x the image offset, which the
-gap does not change: the two together tell a wrong distance from a wrong gap.
+A dot o on the target is shown at m o + p c + shift in the micro-image of centre c, from there. In a
+camera as described m = -b V/x and p = m D/(L + b), D = 1/V the target's distance, L the array's, b
+the gap, x the image offset, which the gap does not change: the two together tell a wrong distance
+from a wrong gap.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from flflab.measurement.dots.views import DotViews
-from flflab.measurement.lattice.lattice import Lattice
-from flflab.measurement.lattice.registration import sensor_position, target_scales
+from flflab.measurement.dots.find import Found
+from flflab.measurement.lattice.registration import target_scales
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
+Array = npt.NDArray[np.float64]
+
 TOLERANCE = 0.01  # of size and parallax, and in rad of turn: what differs less is not remarked on
 SURE = 4.0  # standard uncertainties by which it must differ too
 # so much may all spots lie farther out than they are placed, before cameras not quite as described
 OUTWARDS_PX = 0.003
-FEWEST = 4  # images of dots, for three complex numbers
-# dots seen once each, in as many micro-images, do not tell size from parallax: least over largest
-# singular value
-APART = 0.03
+WIDEST = 0.1  # uncertainty of the parallax: less sure ones are none
+STEP = 1e-5  # of the vergence, by which slopes are told
 
 
 @dataclass(frozen=True)
@@ -50,93 +50,75 @@ class DotScale:
     turn: float
 
 
-def scale_of_dots(
-    dots: tuple[DotViews, ...], lattice: Lattice, camera: Camera, target: FourDot, distance: float
-) -> DotScale | None:
-    """Size, turn and parallax by weighted least squares over all views; None where too few dots in
-    too few micro-images tell them.
+def scale_of(found: Found, shared: Array, target: FourDot, distance: float) -> DotScale | None:
+    """Size, turn and parallax of one square that faces the camera, by weighted least squares
+    through the places of its dots; None where too few dots in too few micro-images tell them.
 
     Args:
-        dots: as counted with the same lattice, camera, target and distance (mm).
-        lattice: the micro-images.
-        camera: nominal.
+        found: the dots.
+        shared: how their numbers move with a standard uncertainty of what all share, shape
+            (3 dots + 1, k).
         target: what stood there.
         distance: main lens to target, mm, nominal.
     """
-    at = {(int(i), int(j)): n for n, (i, j) in enumerate(lattice.indices)}
-    lens = np.array([at[int(i), int(j)] for dot in dots for i, j in dot.indices], dtype=np.int64)
-    number = np.repeat([dot.dot for dot in dots], [len(dot.indices) for dot in dots])
-    if len(lens) < FEWEST or len(np.unique(lens)) < 2 or len(np.unique(number)) < 2:
+    seen = np.unique(found.seen.dot[found.seen.counted])
+    if len(seen) < 2:
         return None
-    images = sensor_position(camera.sensor, np.concatenate([dot.centres_px for dot in dots])) @ [
-        1,
-        1j,
-    ]
-    centres = sensor_position(camera.sensor, lattice.centres_px)[lens] @ [1, 1j]
-    lags = camera.sensor.pixel * np.concatenate([dot.lag_px for dot in dots])
-    both = camera.sensor.pixel * np.concatenate([dot.centre_uncertainty_px for dot in dots])
-    doubts = np.sqrt(((both**2) - (lags**2).sum(axis=2)).mean(axis=1))
-    across, along = target_scales(camera, distance)
-    # in units of what the camera makes of them
-    design = (
-        np.stack(
-            [
-                np.ones(len(lens)),
-                target.centres[number] @ [1, 1j] / across,
-                -along / across * centres,
-            ],
-            axis=1,
-        )
-        / doubts[:, None]
-    )
-    size = np.sqrt((np.abs(design) ** 2).sum(axis=0))
-    inverse, _, rank, _ = np.linalg.lstsq(design / size, np.eye(len(lens)), rcond=APART)
-    if rank < design.shape[1]:
+    which = (3 * seen[:, None] + np.arange(3)).ravel()
+    weights = np.linalg.inv(found.stand.covariance[np.ix_(which, which)])
+    x, y = target.centres[seen].T
+    design = np.zeros((len(seen), 3, 5))  # by shift (x, y), m (real, imaginary) and vergence
+    design[:, :2, :2] = np.eye(2)
+    design[:, 0, 2:4], design[:, 1, 2:4] = np.stack([x, -y], axis=1), np.stack([y, x], axis=1)
+    design[:, 2, 4] = 1.0
+    design = design.reshape(-1, 5)
+    inverse = np.linalg.inv(design.T @ weights @ design)
+    gains, values = inverse @ design.T @ weights, found.stand.values[seen].ravel()
+    *_, real, imaginary, vergence = square = gains @ values
+    left = values - design @ square
+    excess = max(1.0, float(left @ weights @ left) / max(len(left) - len(square), 1))
+    moved = gains @ shared[which]
+    covariance = excess * inverse + moved @ moved.T
+    camera, wide = found.seen.lenses.camera, math.hypot(real, imaginary)
+    per_angle, described = (_per_angle(camera, at) for at in (vergence, 1 / distance))
+    slope = (_per_angle(camera, vergence * (1 + STEP)) / per_angle - 1) / (vergence * STEP)
+    by = np.array([[0, 0, real / wide**2, imaginary / wide**2, slope], [0, 0, 0, 0, slope]])
+    doubts = np.sqrt(np.diag(by @ covariance @ by.T))
+    outwards = OUTWARDS_PX * camera.sensor.pixel / float(np.std(found.stand.shown.chief @ [1, 1j]))
+    doubts = np.hypot(doubts, outwards)
+    if not doubts[1] < WIDEST:
         return None
-    values = (images - centres) / doubts
-    found = inverse @ values / size
-    left = values - design @ found
-    excess = max(1.0, float((np.abs(left) ** 2).sum()) / max(2 * len(left) - 6, 1))
-    spread = np.sqrt((np.abs(inverse) ** 2).sum(axis=1) * excess) / size
-    common = inverse @ (np.einsum("nam,a->nm", lags, [1, 1j]) / doubts[:, None]) / size[:, None]
-    spread = np.hypot(spread, np.sqrt((np.abs(common) ** 2).sum(axis=1)))
-    outwards = OUTWARDS_PX * camera.sensor.pixel / float(np.std(images - centres))
-    spread = np.hypot(spread, outwards)
+    parallax = per_angle / described
+    size = wide * distance * parallax
     return DotScale(
-        float(abs(found[1])),
-        float(spread[1]),
-        float(abs(found[2])),
-        float(spread[2]),
-        float(np.angle(found[1])),
+        size, size * doubts[0], parallax, parallax * doubts[1], math.atan2(imaginary, real)
     )
+
+
+def _per_angle(camera: Camera, vergence: float) -> float:
+    """mm on the sensor per rad between dots as the main lens sees them."""
+    return 1 / (target_scales(camera, 1 / vergence)[0] * vergence)
 
 
 def unlike_the_description(scale: DotScale, camera: Camera, distance: float) -> list[str]:
     """Sentences on what of size, parallax and turn is not as the camera's description and the
     distance (mm) make it.
     """
-    smms = central_smms(camera)
-    across, _ = target_scales(camera, distance)
-    step = (
-        camera.array.pitch[0]
-        * float(smms.image_scale)
-        * distance
-        / float(smms.distance + smms.gap)
-        / abs(across)
-    )
+    smms, pixel = central_smms(camera), camera.sensor.pixel
+    across, along = target_scales(camera, distance)
+    step = camera.array.pitch[0] * float(smms.image_scale) * abs(along)
     pairs = [
         ("1 mm between dots", 1 / abs(across), scale.size, scale.size_uncertainty),
         (
             "a dot's shift from one micro-image to the next",
-            step,
+            step / abs(across),
             scale.parallax,
             scale.parallax_uncertainty,
         ),
     ]
     remarks = [
-        f"{name} is {ratio * due / camera.sensor.pixel:.3f} +-"
-        f" {doubt * due / camera.sensor.pixel:.3f} px on the sensor, the camera's description makes"
-        f" it {due / camera.sensor.pixel:.3f} px at {distance:.2f} mm"
+        f"{name} is {ratio * due / pixel:.3f} +- {doubt * due / pixel:.3f} px on the sensor, the"
+        f" camera's description makes it {due / pixel:.3f} px at {distance:.2f} mm"
         for name, due, ratio, doubt in pairs
         if abs(ratio - 1) > max(TOLERANCE, SURE * doubt)
     ]

@@ -57,6 +57,7 @@ def measure_spots(
     places: Array,
     centres: Array,
     radii: tuple[float, float, float],
+    blur: float,
     noise: SensorNoise,
 ) -> Spots:
     """Measure spots round where they are due.
@@ -65,17 +66,17 @@ def measure_spots(
         values: DN, [row, col].
         places: where each is due, px, shape (n, 2).
         centres: of their micro-images, px, shape (n, 2).
-        radii: of micro-images, of spots with their blur, and of the blur, px.
+        radii: of micro-images, of spots with their blur, and of the light that counts, px.
+        blur: diameter of a spot's blur, px.
         noise: of the sensor.
     """
-    rim, reach, blur = radii
-    far = reach + BESIDE_PX
+    far = radii[2]
     pairs = KDTree(places).query_pairs(2 * far + RING_PX, output_type="ndarray")
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
     first = np.searchsorted(pairs[:, 0], np.arange(len(places) + 1))
     others = np.ascontiguousarray(pairs[:, 1])
-    spots, squares = np.concatenate([places, centres], axis=1), np.array([rim, reach, far]) ** 2
+    spots, squares = np.concatenate([places, centres], axis=1), np.square(radii)
     full = noise.full_scale_dn
     pixels, sums = _summed(values, full, spots, squares, first, others)
     area, alone, saturated, beside, ring = pixels.T

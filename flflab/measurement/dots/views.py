@@ -2,6 +2,7 @@
 the dot in space.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,12 +12,13 @@ import numpy.typing as npt
 
 from flflab.errors import MeasurementError
 from flflab.measurement.dots.find import Found, find_dots
-from flflab.measurement.dots.places import CAUSES, Place, places_of, root
+from flflab.measurement.dots.places import CAUSES, places_of, root, shared_by_all
+from flflab.measurement.dots.scale import DotScale, scale_of
 from flflab.measurement.lattice.lattice import Lattice
-from flflab.measurement.lattice.profile import SMALLEST_PX, profile_table
 from flflab.measurement.lattice.registration import require_shape
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
+from flflab.optics.overlap import common_area
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
@@ -43,8 +45,6 @@ class DotViews:
             other views.
         centre_uncertainty_px: standard uncertainties of each centre's x and y, shape (n, 2); a
             spot's radius where it was not measured.
-        lag_px: how the centres move with a standard uncertainty of what the fit left open, focus
-            and depth, which all views share; part of the above, shape (n, 2, m).
         position_mm: of the dot in the world (main lens at z = 0, target at negative z), given the
             nominal camera; nan where fewer than two views leave it open, shape (3,).
         uncertainty_mm: its standard uncertainties, shape (3,).
@@ -59,6 +59,7 @@ class DotViews:
             it.
         freedom: degrees of freedom of the uncertainty, of all dots together.
         saturated: pixels left out of its spots.
+        scale: of the square of all dots; None where too few views tell it.
     """
 
     dot: int
@@ -67,7 +68,6 @@ class DotViews:
     indices: Whole
     centres_px: Array
     centre_uncertainty_px: Array
-    lag_px: Array
     position_mm: Array
     uncertainty_mm: Array
     common_mm: Array
@@ -77,6 +77,7 @@ class DotViews:
     misfit: float = 0.0
     freedom: float = 0.0
     saturated: int = 0
+    scale: DotScale | None = None
 
     @property
     def own_mm(self) -> Array:
@@ -123,22 +124,50 @@ def count_views(
         MeasurementError: wrong shape, target at infinity, or no dot found where the camera puts
             some.
     """
-    values = finite(picture, camera, target.kind)
+    values = _finite(picture, camera, target.kind)
     found = find_dots(values, lattice, camera, target, distance, noise)
+    seen, stand, pixel = found.seen, found.stand, camera.sensor.pixel
     share, doubt, misfit = _light(found, lattice, values.shape)
-    placed = places_of(found, lattice, camera)
     margin, edge = _margins(found, lattice, camera)
     counted = (margin >= 0) & (share >= HALF)
     near_edge = (np.abs(margin) < 2 * edge) & (share > HALF - 2 * doubt)
     near_dark = (np.abs(share - HALF) < 2 * doubt) & (margin > -2 * edge)
-    unsure = near_edge | near_dark
-    return tuple(
-        _views(dot, found, place, counted, unsure, misfit, lattice, camera.sensor.pixel)
-        for dot, place in enumerate(placed)
-    )
+    # where a spot was not measured the other views say where its middle is
+    measured = seen.counted[:, None]
+    rest = np.where(measured, seen.centroids - stand.shown.centroid, 0.0) / pixel
+    lag = (stand.lags @ root(stand.covariance)).reshape(len(rest), 2, -1)
+    sure = np.sqrt(stand.excess * stand.spread**2 + (lag**2).sum(axis=2)) / pixel
+    centres, sure = found.chief_px + rest, np.where(measured, sure, found.reach_px)
+    shared = shared_by_all(found, lattice)
+    scale = scale_of(found, shared, target, distance)
+    views: list[DotViews] = []
+    for dot, place in enumerate(places_of(found, shared)):
+        mine = np.flatnonzero((seen.dot == dot) & counted)
+        limit = np.flatnonzero((seen.dot == dot) & (near_edge | near_dark))
+        views.append(
+            DotViews(
+                dot=dot,
+                views=len(mine),
+                views_uncertain=len(limit),
+                indices=lattice.indices[seen.lens[mine]],
+                centres_px=centres[mine],
+                centre_uncertainty_px=sure[mine],
+                position_mm=place.position_mm,
+                uncertainty_mm=place.uncertainty_mm,
+                common_mm=place.common_mm,
+                lenses=lattice.indices[stand.lenses],
+                by_lens_mm=place.by_lens_mm,
+                at_limit_px=found.chief_px[limit],
+                misfit=misfit,
+                freedom=stand.freedom,
+                saturated=int(found.spots.saturated[seen.dot == dot].sum()),
+                scale=scale,
+            )
+        )
+    return tuple(views)
 
 
-def finite(picture: npt.NDArray[np.generic], camera: Camera, kind: str) -> npt.NDArray[Any]:
+def _finite(picture: npt.NDArray[np.generic], camera: Camera, kind: str) -> npt.NDArray[Any]:
     """The picture as it is.
 
     Raises:
@@ -151,45 +180,6 @@ def finite(picture: npt.NDArray[np.generic], camera: Camera, kind: str) -> npt.N
     return values
 
 
-def _views(
-    dot: int,
-    found: Found,
-    place: Place,
-    counted: Flags,
-    unsure: Flags,
-    misfit: float,
-    lattice: Lattice,
-    pixel: float,
-) -> DotViews:
-    own = found.candidates.dot == dot
-    mine, limit = np.flatnonzero(own & counted), np.flatnonzero(own & unsure)
-    measured = found.seen.counted[mine]
-    centres = found.chief_px[mine]
-    stand = found.stand
-    rest = (found.seen.centroids - stand.shown.centroid)[mine] / pixel
-    centres = np.where(measured[:, None], centres + rest, centres)
-    lag = (stand.lags @ root(stand.covariance)).reshape(len(own), 2, -1)[mine] / pixel
-    doubts = np.sqrt(stand.excess * (stand.spread[mine] / pixel) ** 2 + (lag**2).sum(axis=2))
-    return DotViews(
-        dot=dot,
-        views=len(mine),
-        views_uncertain=len(limit),
-        indices=lattice.indices[found.candidates.lens[mine]],
-        centres_px=centres,
-        centre_uncertainty_px=np.where(measured[:, None], doubts, found.reach_px),
-        lag_px=lag,
-        position_mm=place.position_mm,
-        uncertainty_mm=place.uncertainty_mm,
-        common_mm=place.common_mm,
-        lenses=lattice.indices[found.stand.lenses],
-        by_lens_mm=place.by_lens_mm,
-        at_limit_px=found.chief_px[limit],
-        misfit=misfit,
-        freedom=stand.freedom,
-        saturated=int(found.spots.saturated[own].sum()),
-    )
-
-
 def _light(found: Found, lattice: Lattice, shape: tuple[int, ...]) -> tuple[Array, Array, float]:
     """Light of each spot over what is expected there, its standard uncertainty, and how far it
     scatters beyond noise.
@@ -197,16 +187,14 @@ def _light(found: Found, lattice: Lattice, shape: tuple[int, ...]) -> tuple[Arra
     A spot that cannot be measured alone is taken for whole where there is light at all.
     """
     spots, expected = found.spots, found.stand.shown.light
-    there = lattice.centres_px[found.candidates.lens]
+    there = lattice.centres_px[found.seen.lens]
     x, y = ((there - (np.array([shape[1], shape[0]]) - 1) / 2) * 2 / max(shape)).T
     level = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ lattice.light
     due = np.maximum(expected * level, 1e-12)
-    share, noise = spots.light / due, np.sqrt(spots.light_variance) / due
     lit = found.seen.counted & (expected > WELL_LIT)
-    if not lit.any():
-        lit = found.seen.counted
-    full = float(np.median(share[lit]))
-    share, noise = share / full, noise / full
+    lit = lit if lit.any() else found.seen.counted
+    full = due * float(np.median((spots.light / due)[lit]))
+    share, noise = spots.light / full, np.sqrt(spots.light_variance) / full
     scatter = 1.4826 * float(np.median(np.abs(share[lit] - 1))) if lit.sum() > 2 else 0.0
     misfit = math.sqrt(max(scatter**2 - float(np.median(noise[lit] ** 2)), 0.0))
     half_there = ~spots.whole & (share > HALF / 2)
@@ -218,42 +206,30 @@ def _margins(found: Found, lattice: Lattice, camera: Camera) -> tuple[Array, Arr
     """How far each centre lies inside its micro-image's useful region, px (negative: outside), and
     how sure that is.
     """
-    lens, centres = found.candidates.lens, found.chief_px
-    own = lattice.centres_px[lens]
-    away = np.hypot(*(centres - own).T)
-    least = camera.useful.minimum_illumination
-    limit = min(
-        _radius_of(lattice, least),
-        (lattice.inside_radius_px + lattice.outside_radius_px) / 2,
-    )
-    blocked = _radius_of(lattice, camera.useful.maximum_crosstalk)
-    margin = limit - away
-    width, height = camera.sensor.resolution
-    low, high = np.array([-0.5, -0.5]), np.array([width - 0.5, height - 0.5])
-    for edge in (centres - low, high - centres):
-        margin = np.minimum(margin, edge.min(axis=1))
-    centre_inside = np.all((own >= low) & (own <= high), axis=1)
-    for i in range(-2, 3):
-        for j in range(-2, 3):
-            step = lattice.vectors_px @ np.array([i, j], dtype=np.float64)
-            if (i, j) != (0, 0) and np.hypot(*step) < limit + blocked + 1:
-                margin = np.minimum(margin, np.hypot(*(centres - own - step).T) - blocked)
-    stand, pixel = found.stand, camera.sensor.pixel
-    place = np.einsum("nk,km,nm->n", stand.slopes, stand.covariance, stand.slopes)
-    place = place.reshape(-1, 2).max(axis=1) / pixel**2
+    centres, own = found.chief_px, lattice.centres_px[found.seen.lens]
+    useful, stand, pixel = camera.useful, found.stand, camera.sensor.pixel
+    least = useful.minimum_illumination
+    middle = (lattice.inside_radius_px + lattice.outside_radius_px) / 2
+    limit = min(_radius_of(lattice, least), middle)
+    blocked = _radius_of(lattice, useful.maximum_crosstalk)
+    low, high = np.full(2, -0.5), np.array(camera.sensor.resolution) - 0.5
+    margin = np.minimum(limit - np.hypot(*(centres - own).T), (centres - low).min(axis=1))
+    margin = np.minimum(margin, (high - centres).min(axis=1))
+    margin = np.where(np.all((own >= low) & (own <= high), axis=1), margin, -np.inf)
+    for i, j in itertools.product(range(-2, 3), repeat=2):
+        step = lattice.vectors_px @ np.array([i, j], dtype=np.float64)
+        if (i, j) != (0, 0) and np.hypot(*step) < limit + blocked + 1:
+            margin = np.minimum(margin, np.hypot(*(centres - own - step).T) - blocked)
+    by = stand.chief_slopes.reshape(len(own), 2, -1)
+    place = np.einsum("nij,jk,nik->ni", by, stand.covariance, by).max(axis=1)
     rim = math.hypot(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px)
     lens_to_lens = lattice.radii_apart_px * (2 * max(least, HALF) - 1)
-    sure = np.sqrt(place + (found.seen.place / pixel) ** 2 + rim**2 + lens_to_lens**2)
-    return np.where(centre_inside, margin, -np.inf), sure
+    return margin, np.sqrt((place + found.seen.place**2) / pixel**2 + rim**2 + lens_to_lens**2)
 
 
 def _radius_of(lattice: Lattice, share: float) -> float:
-    """Radius at which the measured illumination falls to ``share``."""
-    if share <= 0:
-        return lattice.outside_radius_px
-    large = (lattice.outside_radius_px + lattice.inside_radius_px) / 2
-    small = max(SMALLEST_PX, (lattice.outside_radius_px - lattice.inside_radius_px) / 2)
-    table = profile_table(large, small)
-    r = np.linspace(lattice.outside_radius_px, lattice.inside_radius_px, 4001)
-    light = np.interp(r / table.step, np.arange(len(table.values)), table.values[:, 0])
-    return float(np.interp(share, light, r))
+    """Radius at which the illumination, two discs in common, falls to ``share``."""
+    inside, outside = lattice.inside_radius_px, lattice.outside_radius_px
+    large, small = (outside + inside) / 2, (outside - inside) / 2
+    r = np.linspace(outside, inside, 4001)
+    return float(np.interp(share, common_area(large, small, r) / (math.pi * small**2), r))

@@ -10,7 +10,7 @@ from flflab.alignment import Attitude, attitude_of
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
 from flflab.measurement.contrast.curve import ContrastCurve, fit_contrast
-from flflab.measurement.dots.scale import DotScale, scale_of_dots
+from flflab.measurement.dots.scale import DotScale
 from flflab.measurement.dots.views import DotViews, count_views
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.with_camera import lattice_behind
@@ -198,8 +198,7 @@ def measure_pictures(
                 distance,
                 noises[FourDot.kind],
             )
-            scale = scale_of_dots(dots, lattice, camera, study.dots, distance)
-            measured = replace(measured, dots=dots, dot_scale=scale)
+            measured = replace(measured, dots=dots, dot_scale=dots[0].scale)
         except MeasurementError as error:
             measured = replace(measured, failures=(*measured.failures, error))
     for bars in (study.bars, study.bars_y):
