@@ -30,7 +30,6 @@ from flflab.measurement.measure_json import (
 from flflab.measurement.presence import (
     brightest_light,
     require_blur_within,
-    require_dots,
     require_light,
 )
 from flflab.measurement.sensor.noise import SensorNoise
@@ -108,7 +107,6 @@ def measure(
     result: dict[str, Any] = {"dots": [], "mtf": [], "mtf_by_view": []}
     if isinstance(target, FourDot):
         dots = count_views(values, lattice, camera, target, away, evened)
-        require_dots(values, dots, camera, target, away, evened)
         result["dots"] = [dot_json(dot) for dot in dots]
         scale = dots[0].scale
         unlike = unlike_the_description(scale, camera, away) if scale else []

@@ -1,27 +1,20 @@
-"""Whether a picture shows what is to be measured at all: light, how much, not too much of it, and
-dots where dots were found.
-"""
+"""Whether a picture shows enough light to be measured at all, and not too much of it."""
 
 import math
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
-from flflab.measurement.dots.views import DotViews
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import blur_px
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
-from flflab.optics.focus import magnification
-from flflab.optics.resolution import central_smms
-from flflab.targets import FourDot, Target
+from flflab.targets import Target
 
 LIT = 5.0  # standard deviations of a dark pixel
 MOST_SATURATED = 0.5  # of all pixels; more leaves nothing between dark and full
-LEAST_STEP = 0.5  # of a dot's light: how much darker its surroundings are
 
 
 def require_light(values: npt.NDArray[np.floating], noise: SensorNoise, target: Target) -> None:
@@ -53,56 +46,6 @@ def brightest_light(values: npt.NDArray[np.floating], noise: SensorNoise) -> flo
     """
     among_neighbours = cv2.medianBlur(np.ascontiguousarray(values, dtype=np.float32), 3)
     return max(float(among_neighbours.max()) - noise.offset_dn, 1.0)
-
-
-def require_dots(
-    values: npt.NDArray[np.floating],
-    dots: Sequence[DotViews],
-    camera: Camera,
-    target: FourDot,
-    distance: float,
-    noise: SensorNoise,
-) -> None:
-    """Refuse views that are no brighter than what surrounds them.
-
-    Args:
-        values: DN, [row, col].
-        dots: as found in it.
-        camera: nominal.
-        target: the dots.
-        distance: main lens to target, mm.
-        noise: of a pixel.
-
-    Raises:
-        MeasurementError: no view, or half of them or more are no spots of light.
-    """
-    smms, pixel = central_smms(camera), camera.sensor.pixel
-    radius = target.diameter / 2 * float(magnification(smms, 1 / distance)) / pixel
-    soft = blur_px(camera, distance) / 2 + 1
-    centres = np.concatenate([dot.centres_px for dot in dots])
-    if len(centres) == 0:
-        raise MeasurementError(
-            "four-dot picture: no view of any dot was found; check target, distance and exposure"
-        )
-    far = math.ceil(radius + soft + 3)
-    y, x = np.mgrid[-far : far + 1, -far : far + 1]
-    spots = 0
-    for column, row in np.rint(centres).astype(np.int64):
-        rows, columns = (
-            np.clip(row + y, 0, values.shape[0] - 1),
-            np.clip(column + x, 0, values.shape[1] - 1),
-        )
-        light, away = values[rows, columns] - noise.offset_dn, np.hypot(x, y)
-        inside, outside = light[away <= max(radius - soft, 1.0)], light[away >= radius + soft]
-        spread = math.sqrt(noise.dark_variance * (1 / len(inside) + 1 / len(outside)))
-        spots += bool(
-            inside.mean() - outside.mean() > max(LEAST_STEP * inside.mean(), LIT * spread)
-        )
-    if spots <= len(centres) / 2:
-        raise MeasurementError(
-            f"four-dot picture: where dots are due, {len(centres) - spots} of {len(centres)} places"
-            " are no spots of light on a darker ground; check target, distance and exposure"
-        )
 
 
 def require_blur_within(lattice: Lattice, camera: Camera, distance: float) -> None:

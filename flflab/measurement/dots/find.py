@@ -2,7 +2,6 @@
 turns until they agree.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +29,7 @@ LEAST_LIGHT = 0.15  # of a whole spot's: darker ones say little of where a dot i
 FAINTEST = 1e-3  # the same: darker ones do not matter to others either
 MODEL_PX = 0.001  # of a spot's centroid, beside exact pictures by rays: up to so much
 RIM_PX = 1.5  # beyond its outside radius, in which a micro-image may have light
-RADIUS_PX = 1.0  # by which rims that are soft may mislead the white picture's radii
+KAPPA = 0.015  # standard uncertainty of the camera's kappa: its gap is right to 1 %
 # px, by which spots may lie elsewhere in each round of measuring and fitting, until no place moves
 # by more than the last
 SEARCHES, SETTLED_PX = (NEAR_PX, NEAR_PX / 2, 0.0, 0.0, 0.0, 0.0), 0.2
@@ -87,9 +86,8 @@ def find_dots(
     _require_apart(target.spacing * size, 2 * radius, blur_px(camera, pose.distance))
     widest = max(float(blur(one, vergence)) for one in type_smms(camera)) / pixel
     reach = radius + widest / 2
-    kappa = _kappa_apart(lattice, camera)
     doubts = np.zeros(len(every.rise)) if lattice.doubts_px is None else lattice.doubts_px
-    stands, focus, wide = pose.values, kappa[0], target.diameter / pose.distance
+    stands, focus, wide = pose.values, 0.0, target.diameter / pose.distance
     # beyond halfway to the next dot a micro-image may show that one
     room = max(target.spacing * size / 2 - reach - BESIDE_PX, 0.0)
     rounds = 0
@@ -116,7 +114,7 @@ def find_dots(
             doubts[lens] * pixel,
             lattice.radii_apart_px * pixel / every.radius,
             spots.whole & (expected.light > LEAST_LIGHT),
-            kappa,
+            (0.0, KAPPA),
             wide,
         )
         if search > 0 and not seen.counted.any():
@@ -153,20 +151,6 @@ def _angular_size(stands: Array, seen: Whole, target: FourDot) -> float | None:
         np.linalg.norm(at[seen] - at[seen].mean(axis=0)) for at in (stands[:, :2], target.centres)
     )
     return target.diameter * float(apart / due)
-
-
-def _kappa_apart(lattice: Lattice, camera: Camera) -> tuple[float, float]:
-    """By how much kappa differs from the camera's as the microlenses' discs in the white picture
-    show it, d |kappa| in width, and its standard uncertainty.
-    """
-    smms, pixel = central_smms(camera), camera.sensor.pixel
-    sign = 1.0 if float(smms.microlens_width) > float(smms.lens_width) else -1.0
-    radius = (lattice.outside_radius_px + sign * lattice.inside_radius_px) / 2
-    doubt = math.hypot(
-        RADIUS_PX, (lattice.outside_uncertainty_px + lattice.inside_uncertainty_px) / 2
-    )
-    kappa, per_px = float(smms.kappa), 2 * pixel / float(smms.aperture)
-    return math.copysign(radius * per_px, kappa) - kappa, doubt * per_px
 
 
 def _require_apart(apart: float, width: float, blur: float) -> None:
