@@ -80,14 +80,14 @@ def find_dots(
     """
     every = microlenses_of(lattice, camera)
     pose = pose_of(values, lattice, every, target, distance, noise)
-    pixel, vergence = camera.sensor.pixel, 1 / pose.distance
+    pixel, vergence = camera.sensor.pixel, float(pose[0, 2])
     size = float(magnification(central_smms(camera), vergence)) / pixel
     radius = target.diameter / 2 * size
-    _require_apart(target.spacing * size, 2 * radius, blur_px(camera, pose.distance))
+    _require_apart(target.spacing * size, 2 * radius, blur_px(camera, 1 / vergence))
     widest = max(float(blur(one, vergence)) for one in type_smms(camera)) / pixel
     reach = radius + widest / 2
     doubts = np.zeros(len(every.rise)) if lattice.doubts_px is None else lattice.doubts_px
-    stands, focus, wide = pose.values, 0.0, target.diameter / pose.distance
+    stands, focus, wide = pose, 0.0, target.diameter * vergence
     # beyond halfway to the next dot a micro-image may show that one
     room = max(target.spacing * size / 2 - reach - BESIDE_PX, 0.0)
     rounds = 0
@@ -121,13 +121,13 @@ def find_dots(
             continue
         if not seen.counted.any():
             raise _nothing(expected)
-        stand = stand_of(seen, pose.values, stands, focus)
+        stand = stand_of(seen, pose, stands, focus)
         moved = np.abs(stand.shown.centroid - expected.centroid).max() / pixel
         stands, focus = stand.values, stand.focus
         wide = _angular_size(stands, np.unique(dot[seen.counted]), target) or wide
         if rounds == len(SEARCHES) or (search == 0 and moved < SETTLED_PX):
             break
-    return Found(spots, seen, stand, pose.distance, reach)
+    return Found(spots, seen, stand, 1 / vergence, reach)
 
 
 def _lit(

@@ -2,8 +2,6 @@
 what all dots of the picture share.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
@@ -24,31 +22,16 @@ WIDEST = 0.05  # of the vergence: what is less sure is no depth
 CAUSES = {"focus": 1, "lattice": 12, "tilt": 2, "model": 1, "diffraction": 1}
 
 
-@dataclass(frozen=True)
-class Place:
-    """Of one dot; all nan where its views leave it open.
-
-    Attributes:
-        position_mm: in the world, shape (3,).
-        uncertainty_mm: its standard uncertainties, shape (3,).
-        common_mm: how it moves with a standard uncertainty of each thing that all dots share, as
-            ``CAUSES`` lists them, shape (3, 17).
-        by_lens_mm: how it moves with a standard deviation of each microlens's own place (x, y) and
-            focus, shape (3, lenses, 3); the lenses are the stand's.
-    """
-
-    position_mm: Array
-    uncertainty_mm: Array
-    common_mm: Array
-    by_lens_mm: Array
-
-
-def places_of(found: Found, shared: Array) -> tuple[Place, ...]:
+def places_of(found: Found, shared: Array) -> list[tuple[Array, Array, Array, Array]]:
     """Those of all dots. The camera counts as known.
 
     Args:
         found: the dots.
         shared: as ``shared_by_all`` gives it.
+
+    Returns:
+        ``position_mm``, ``uncertainty_mm``, ``common_mm`` and ``by_lens_mm`` of ``DotViews`` for
+        each; all nan where its views leave it open.
     """
     stand, lenses = found.stand, found.stand.by_lens
     rest = stand.covariance - lenses @ lenses.T
@@ -58,7 +41,7 @@ def places_of(found: Found, shared: Array) -> tuple[Place, ...]:
     camera = found.seen.lenses.camera
     limited = bool(microlens_limits(central_smms(camera), 1 / found.distance))
     views = np.bincount(found.seen.dot[found.seen.counted], minlength=len(stand.values))
-    placed: list[Place] = []
+    placed: list[tuple[Array, Array, Array, Array]] = []
     for dot, (x, y, vergence) in enumerate(stand.values):
         part, far = slice(3 * dot, 3 * dot + 3), 1 / vergence
         alone = own[part, part] + lenses[part] @ lenses[part].T
@@ -70,8 +53,8 @@ def places_of(found: Found, shared: Array) -> tuple[Place, ...]:
         variance = np.diag(by @ alone @ by.T) + (common**2).sum(axis=1)
         position = np.array([x, y, -1.0]) * (far if known else np.nan)
         by_lens = (by @ lenses[part]).reshape(3, -1, 3)
-        placed.append(Place(position, np.sqrt(variance), common, by_lens))
-    return tuple(placed)
+        placed.append((position, np.sqrt(variance), common, by_lens))
+    return placed
 
 
 def shared_by_all(found: Found, lattice: Lattice) -> Array:

@@ -8,7 +8,6 @@ of a dot have one s - c - P c, and those of the four dots make a square.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -45,19 +44,6 @@ LEAST = 0.5  # the same: less is none
 LIT = 0.8  # of a dot's light: so well lit a place says whether a dot is there
 
 
-@dataclass(frozen=True)
-class Pose:
-    """A target's place, roughly.
-
-    Attributes:
-        distance: from the main lens, mm.
-        values: (x, y) of each dot times its vergence, rad, and that, 1/mm, shape (4, 3).
-    """
-
-    distance: float
-    values: Array
-
-
 def pose_of(
     values: npt.NDArray[Any],
     lattice: Lattice,
@@ -65,8 +51,9 @@ def pose_of(
     target: FourDot,
     distance: float,
     noise: SensorNoise,
-) -> Pose:
-    """Where the dots of a picture stand.
+) -> Array:
+    """Where the dots of a picture stand: (x, y) of each times its vergence, rad, and that, 1/mm,
+    which all share; shape (4, 3).
 
     The square is the same after a quarter of a turn: dots are numbered as if it were turned by less
     than 45 degrees.
@@ -106,7 +93,7 @@ def pose_of(
 
 def blind_poses(
     away: Complex, centre: Complex, camera: Camera, target: FourDot, distance: float
-) -> list[Pose]:
+) -> list[Array]:
     """Places of the target whose four dots make a square of spots.
 
     Args:
@@ -130,7 +117,7 @@ def blind_poses(
         off = np.minimum(np.abs(apart - sides[n]), np.abs(apart - math.sqrt(2) * sides[n]))
         scores[n] = np.exp(-0.5 * (np.minimum(off, apart) / close) ** 2).sum()
     tops = (scores >= np.roll(scores, 1)) & (scores >= np.roll(scores, -1)) & (scores > 0)
-    found: list[Pose] = []
+    found: list[Array] = []
     for n in np.flatnonzero(tops)[np.argsort(-scores[tops])[:8]]:
         points = away - parallaxes[n] * centre
         apart = points[i] - points[j]
@@ -155,22 +142,24 @@ def _common_shift(points: Complex, corners: Complex, close: float) -> complex:
     return complex(np.median(shifts[near[best]].real) + 1j * np.median(shifts[near[best]].imag))
 
 
-def _posed(target: FourDot, camera: Camera, distance: float, turn: complex, shift: complex) -> Pose:
+def _posed(
+    target: FourDot, camera: Camera, distance: float, turn: complex, shift: complex
+) -> Array:
     across, _ = target_scales(camera, distance)
     dots = turn * (target.centres @ [1, 1j]) + shift * across
-    values = np.stack([dots.real, dots.imag, np.ones(len(dots))], axis=1) / distance
-    return Pose(distance, np.asarray(values, dtype=np.float64))
+    stands = np.stack([dots.real, dots.imag, np.ones(len(dots))], axis=1) / distance
+    return np.asarray(stands, dtype=np.float64)
 
 
 def _agreement(
-    pose: Pose, spots: Array, lattice: Lattice, every: Microlenses, target: FourDot
+    pose: Array, spots: Array, lattice: Lattice, every: Microlenses, target: FourDot
 ) -> float:
     """The lesser of the shares of well lit places of dots that show a spot, and of the spots that
     are at the place of one.
     """
-    sensor, near = every.camera.sensor, NEAR_PX + blur_px(every.camera, pose.distance) / 2
-    size = target.diameter / pose.distance
-    pairs, expected = shown_pairs(every, pose.values, size, LIT / 10)
+    sensor, vergence = every.camera.sensor, float(pose[0, 2])
+    near = NEAR_PX + blur_px(every.camera, 1 / vergence) / 2
+    pairs, expected = shown_pairs(every, pose, target.diameter * vergence, LIT / 10)
     due = sensor_pixel(sensor, every.centres[pairs[1]] + expected.centroid)
     if len(due) == 0:
         return 0.0

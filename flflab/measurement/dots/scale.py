@@ -104,37 +104,25 @@ def unlike_the_description(scale: DotScale, camera: Camera, distance: float) -> 
     """Sentences on what of size, parallax and turn is not as the camera's description and the
     distance (mm) make it.
     """
-    smms, pixel = central_smms(camera), camera.sensor.pixel
-    across, along = target_scales(camera, distance)
-    step = camera.array.pitch[0] * float(smms.image_scale) * abs(along)
-    pairs = [
-        ("1 mm between dots", 1 / abs(across), scale.size, scale.size_uncertainty),
-        (
-            "a dot's shift from one micro-image to the next",
-            step / abs(across),
-            scale.parallax,
-            scale.parallax_uncertainty,
-        ),
-    ]
-    remarks = [
-        f"{name} is {ratio * due / pixel:.3f} +- {doubt * due / pixel:.3f} px on the sensor, the"
-        f" camera's description makes it {due / pixel:.3f} px at {distance:.2f} mm"
-        for name, due, ratio, doubt in pairs
-        if abs(ratio - 1) > max(TOLERANCE, SURE * doubt)
-    ]
-    if remarks:
+    smms, remarks = central_smms(camera), list[str]()
+    pairs = (scale.size, scale.size_uncertainty), (scale.parallax, scale.parallax_uncertainty)
+    if any(abs(ratio - 1) > max(TOLERANCE, SURE * doubt) for ratio, doubt in pairs):
         # p/m = D/(L + b), and m goes with the gap at any one distance; the dots' places suffer
         # where the blur is far from the described
         there = distance * scale.parallax / scale.size
         fits = f"a target about {there:.4g} mm away"
         if bool(microlens_limits(smms, 1 / distance)):
-            gap = float(smms.gap) * scale.size * abs(target_scales(camera, there)[0] / across)
+            across = [target_scales(camera, at)[0] for at in (there, distance)]
+            gap = float(smms.gap) * scale.size * abs(across[0] / across[1])
             fits += (
                 f" and a gap of about {gap:.4g} mm between microlenses and sensor (described:"
                 f" {float(smms.gap):.4g} mm)"
             )
+        larger, farther = (f"{ratio:.4f} +- {doubt:.4f} times" for ratio, doubt in pairs)
         remarks.append(
-            f"{fits} would make both what they are; check the target's distance, the gap, and the"
+            f"the image of the dots is {larger} as large, and each shifts {farther} as far from one"
+            f" micro-image to the next, as the camera's description makes it at {distance:.2f} mm;"
+            f" {fits} would make both what they are; check the target's distance, the gap, and the"
             " spacing of the dots"
         )
     if abs(scale.turn) > max(TOLERANCE, SURE * scale.size_uncertainty):

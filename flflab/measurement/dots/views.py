@@ -141,7 +141,7 @@ def count_views(
     shared = shared_by_all(found, lattice)
     scale = scale_of(found, shared, target, distance)
     views: list[DotViews] = []
-    for dot, place in enumerate(places_of(found, shared)):
+    for dot, (position, uncertainty, common, by_lens) in enumerate(places_of(found, shared)):
         mine = np.flatnonzero((seen.dot == dot) & counted)
         limit = np.flatnonzero((seen.dot == dot) & (near_edge | near_dark))
         views.append(
@@ -152,11 +152,11 @@ def count_views(
                 indices=lattice.indices[seen.lens[mine]],
                 centres_px=centres[mine],
                 centre_uncertainty_px=sure[mine],
-                position_mm=place.position_mm,
-                uncertainty_mm=place.uncertainty_mm,
-                common_mm=place.common_mm,
+                position_mm=position,
+                uncertainty_mm=uncertainty,
+                common_mm=common,
                 lenses=lattice.indices[stand.lenses],
-                by_lens_mm=place.by_lens_mm,
+                by_lens_mm=by_lens,
                 at_limit_px=found.chief_px[limit],
                 misfit=misfit,
                 freedom=stand.freedom,
