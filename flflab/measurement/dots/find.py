@@ -32,7 +32,7 @@ RIM_PX = 1.5  # beyond its outside radius, in which a micro-image may have light
 KAPPA = 0.015  # standard uncertainty of the camera's kappa: its gap is right to 1 %
 # px, by which spots may lie elsewhere in each round of measuring and fitting, until no place moves
 # by more than the last
-SEARCHES, SETTLED_PX = (NEAR_PX, NEAR_PX / 2, 0.0, 0.0, 0.0, 0.0), 0.2
+SEARCHES, SETTLED_PX = (NEAR_PX, 0.0, 0.0, 0.0, 0.0), 0.2
 # of the width of blurred dots: so far apart, what light they have of one another moves them by less
 # than is stated
 APART = 0.9

@@ -34,6 +34,18 @@ RINGS, TURNS = 8, 28
 LEAST = 1e-9  # of the image offset, at which the target's image lies on the array
 
 
+def _disc_points() -> tuple[Array, Array]:
+    """Points in the unit disc, shape (k, 2), and their weights, of sum 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(RINGS)
+    radii = np.sqrt((1 + nodes) / 2)
+    turns = 2 * np.pi * (np.arange(TURNS) + 0.5) / TURNS
+    points = radii[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    return points.reshape(-1, 2), np.repeat(weights / 2 / TURNS, TURNS)
+
+
+POINTS, WEIGHTS = _disc_points()
+
+
 @dataclass(frozen=True)
 class Microlenses:
     """The microlens behind each micro-image in question; lengths in mm, one entry each.
@@ -139,7 +151,7 @@ def shown(lenses: Microlenses, angles: Array, vergences: Array, size: float) -> 
     apart = _at_array(angles, vergences, lenses.camera) * away[:, None] - y
     shadow, by_angle = lenses.stop * np.abs(x), gap / away / x
     spots = np.stack([*apart.T, *(lenses.centres - y).T, shadow, by_angle, kappa, gap, away], 1)
-    found = _formed(spots, lenses.radius, lenses.falloff, size / 2, *_disc_points())
+    found = _formed(spots, lenses.radius, lenses.falloff, size / 2, POINTS, WEIGHTS)
     return Shown(
         found[:, :2],
         np.where(shadow < lenses.radius, kappa, by_angle)[:, None] * apart,
@@ -179,15 +191,6 @@ def _at_array(angles: Array, vergences: Array, camera: Camera) -> Array:
         return -angles
     image = 1 / np.maximum(1 / camera.main_lens.focal_length - vergences, LEAST)
     return distortion.displace(-angles * image[:, None]) / image[:, None]
-
-
-def _disc_points() -> tuple[Array, Array]:
-    """Points in the unit disc, shape (k, 2), and their weights, of sum 1."""
-    nodes, weights = np.polynomial.legendre.leggauss(RINGS)
-    radii = np.sqrt((1 + nodes) / 2)
-    turns = 2 * np.pi * (np.arange(TURNS) + 0.5) / TURNS
-    points = radii[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    return points.reshape(-1, 2), np.repeat(weights / 2 / TURNS, TURNS)
 
 
 @numba.njit(cache=True, error_model="numpy")
