@@ -51,8 +51,7 @@ def test_the_centroid_of_a_dot_is_that_of_rays_whether_cut_defocused_or_not(
 ) -> None:
     lens, dot, diameter = np.array([0.4, -0.8]), np.array([aside - 3.0, 5.8]), 0.8
     microlens = Microlenses(
-        lens[None] * (1 + CAMERA.gap / 60.0), np.zeros(1), np.zeros(1), np.array([0.917]),
-        60.0, CAMERA.gap, 50.0, 6.25, 0.168, 1.0, CAMERA,
+        lens[None] * (1 + CAMERA.gap / 60.0), np.zeros(1), np.array([0.917]), 6.25, 1.0, CAMERA,
     )  # fmt: skip
     found = shown(microlens, dot[None] / distance, np.array([1 / distance]), diameter / distance)
     centroid, doubt, light = by_rays(CAMERA, lens, dot, distance, diameter)
@@ -65,8 +64,7 @@ def test_where_the_main_lens_limits_the_centroid_is_the_chief_ray_s() -> None:
     camera = replace(CAMERA, main_lens=MainLens(50.0, 40.0))
     distance, lens, dot = 310.0, np.array([0.0, 0.0]), np.array([0.3, -0.2])
     microlens = Microlenses(
-        lens[None], np.zeros(1), np.zeros(1), np.array([0.917]),
-        60.0, camera.gap, 50.0, 0.625, 0.168, 0.0, camera,
+        lens[None], np.zeros(1), np.array([0.917]), 0.625, 0.0, camera,
     )  # fmt: skip
     found = shown(microlens, dot[None] / distance, np.array([1 / distance]), 0.1 / distance)
     centroid, doubt, _ = by_rays(camera, lens, dot, distance, 0.1)

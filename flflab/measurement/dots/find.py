@@ -2,7 +2,7 @@
 turns until they agree.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +86,7 @@ def find_dots(
     _require_apart(target.spacing * size, 2 * radius, blur_px(camera, 1 / vergence))
     widest = max(float(blur(one, vergence)) for one in type_smms(camera)) / pixel
     reach = radius + widest / 2
+    microlens = float(central_smms(camera).aperture) / 2
     doubts = np.zeros(len(every.rise)) if lattice.doubts_px is None else lattice.doubts_px
     stands, focus, wide = pose, 0.0, target.diameter * vergence
     # beyond halfway to the next dot a micro-image may show that one
@@ -94,7 +95,7 @@ def find_dots(
     while True:
         search = SEARCHES[rounds]
         rounds += 1
-        (dot, lens), expected = _lit(every.refocused(focus), stands, wide, reach)
+        (dot, lens), expected = _lit(replace(every, focus=focus), stands, wide, reach)
         lenses = every.those(lens)
         around = reach + BESIDE_PX + min(search, room)
         spots = measure_spots(
@@ -112,7 +113,7 @@ def find_dots(
             sensor_position(camera.sensor, spots.centroids) - lenses.centres,
             (spots.variance + MODEL_PX**2) * pixel**2,
             doubts[lens] * pixel,
-            lattice.radii_apart_px * pixel / every.radius,
+            lattice.radii_apart_px * pixel / microlens,
             spots.whole & (expected.light > LEAST_LIGHT),
             (0.0, KAPPA),
             wide,

@@ -165,7 +165,7 @@ def _slopes(seen: Seen, free: Array) -> tuple[Shown, Array, Array]:
     """What is shown, and how each spot's centroid and its chief ray's landing move with the numbers
     of ``STEPS``, shape (n, 2, 7).
     """
-    values, lenses = free[:-1].reshape(-1, 3)[seen.dot], seen.lenses.refocused(float(free[-1]))
+    values, lenses = free[:-1].reshape(-1, 3)[seen.dot], replace(seen.lenses, focus=float(free[-1]))
     here = shown(lenses, values[:, :2], values[:, 2], seen.size)
     by_spot, by_chief = np.zeros((2, len(values), 2, len(STEPS)))
     for part, step in enumerate(STEPS):
@@ -173,7 +173,7 @@ def _slopes(seen: Seen, free: Array) -> tuple[Shown, Array, Array]:
         if part < 3:
             at[:, part] += step
         elif part == 3:
-            other = lenses.refocused(step)
+            other = replace(lenses, focus=lenses.focus + step)
         elif part < 6:
             other = replace(lenses, centres=lenses.centres + step * np.eye(2)[part - 4])
         else:

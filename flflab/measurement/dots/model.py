@@ -52,43 +52,26 @@ class Microlenses:
 
     Attributes:
         centres: of the micro-images on the sensor, shape (n, 2).
-        rise: by how much each lies further from the main lens, as a share of ``distance``.
-        kappa_apart: what is added to kappa: another focus than the camera's.
+        rise: by how much each lies further from the main lens, as a share of the array's distance.
         focal: of each microlens.
-        distance: main lens to array, on the axis.
-        gap: array to sensor, on the axis.
-        lens_focal: of the main lens.
         stop: radius of the main lens's stop.
-        radius: of a microlens.
         falloff: share of natural fall-off that counts.
-        camera: whose distortion counts.
+        camera: whose central system counts for all else.
+        focus: by how much kappa differs from that of focal length and gap.
     """
 
     centres: Array
     rise: Array
-    kappa_apart: Array
     focal: Array
-    distance: float
-    gap: float
-    lens_focal: float
     stop: float
-    radius: float
     falloff: float
     camera: Camera
+    focus: float = 0.0
 
     def those(self, which: Whole) -> "Microlenses":
         """Some of them, or some several times."""
-        return replace(
-            self,
-            centres=self.centres[which],
-            rise=self.rise[which],
-            kappa_apart=self.kappa_apart[which],
-            focal=self.focal[which],
-        )
-
-    def refocused(self, focus: float) -> "Microlenses":
-        """The same of another kappa."""
-        return replace(self, kappa_apart=self.kappa_apart + focus)
+        centres, rise, focal = self.centres[which], self.rise[which], self.focal[which]
+        return replace(self, centres=centres, rise=rise, focal=focal)
 
 
 def microlenses_of(lattice: Lattice, camera: Camera) -> Microlenses:
@@ -96,18 +79,12 @@ def microlenses_of(lattice: Lattice, camera: Camera) -> Microlenses:
     smms = central_smms(camera)
     sign = 1.0 if float(smms.lens_width) >= float(smms.microlens_width) else -1.0
     shadow = (lattice.outside_radius_px + sign * lattice.inside_radius_px) / 2
-    falloff = 0.0 if lattice.cone is None else float(np.clip(lattice.slants[0], 0.0, 1.0))
     return Microlenses(
         sensor_position(camera.sensor, lattice.centres_px),
         lattice.rises,
-        np.zeros(len(lattice.centres_px)),
         np.asarray(microlens_type_of(lattice, camera), dtype=np.float64),
-        float(smms.distance),
-        float(smms.gap),
-        float(smms.lens_focal),
         shadow * camera.sensor.pixel * float(smms.distance / smms.gap),
-        float(smms.aperture) / 2,
-        falloff,
+        0.0 if lattice.cone is None else float(np.clip(lattice.slants[0], 0.0, 1.0)),
         camera,
     )
 
@@ -142,20 +119,21 @@ def shown(lenses: Microlenses, angles: Array, vergences: Array, size: float) -> 
         vergences: 1 over its distance, 1/mm, shape (n,).
         size: diameter of a dot times its vergence, rad.
     """
-    away = lenses.distance * (1 + lenses.rise)
-    gap = lenses.gap - lenses.distance * lenses.rise
-    x = away * (vergences - 1 / lenses.lens_focal) + 1
+    smms = central_smms(lenses.camera)
+    distance, radius = float(smms.distance), float(smms.aperture) / 2
+    away, gap = distance * (1 + lenses.rise), float(smms.gap) - distance * lenses.rise
+    x = away * (vergences - 1 / float(smms.lens_focal)) + 1
     x = np.where(np.abs(x) < LEAST, LEAST, x)
-    kappa = 1 + gap / away - gap / lenses.focal + lenses.kappa_apart
-    y = lenses.centres * (away / (lenses.distance + lenses.gap))[:, None]
+    kappa = 1 + gap / away - gap / lenses.focal + lenses.focus
+    y = lenses.centres * (away / (away + gap))[:, None]
     apart = _at_array(angles, vergences, lenses.camera) * away[:, None] - y
     shadow, by_angle = lenses.stop * np.abs(x), gap / away / x
     spots = np.stack([*apart.T, *(lenses.centres - y).T, shadow, by_angle, kappa, gap, away], 1)
-    found = _formed(spots, lenses.radius, lenses.falloff, size / 2, POINTS, WEIGHTS)
+    found = _formed(spots, radius, lenses.falloff, size / 2, POINTS, WEIGHTS)
     return Shown(
         found[:, :2],
-        np.where(shadow < lenses.radius, kappa, by_angle)[:, None] * apart,
-        found[:, 4] / (np.pi * np.minimum(lenses.radius, shadow) ** 2),
+        np.where(shadow < radius, kappa, by_angle)[:, None] * apart,
+        found[:, 4] / (np.pi * np.minimum(radius, shadow) ** 2),
         found[:, 2:4],
     )
 

@@ -81,8 +81,9 @@ def shared_by_all(found: Found, lattice: Lattice) -> Array:
         shared[..., 12:14] = stand.by_rise[:, :, None] * by_tilt[:, None]
     chief, pupil = stand.shown.chief, stand.shown.pupil
     shared[..., 14] = MODEL_PX * pixel * chief / np.maximum(np.hypot(*chief.T), 1e-12)[:, None]
-    width = LIGHT * lenses.gap / (2 * lenses.radius)
-    aside = pupil / lenses.radius
+    smms = central_smms(lenses.camera)
+    width = LIGHT * float(smms.gap / smms.aperture)
+    aside = pupil / float(smms.aperture / 2)
     shared[..., 15] = DIFFRACTED * width * aside * np.hypot(*aside.T)[:, None]
     return stand.gains @ shared.reshape(-1, 16)
 
