@@ -125,7 +125,7 @@ def find_dots(
         stand = stand_of(seen, pose, stands, focus)
         moved = np.abs(stand.shown.centroid - expected.centroid).max() / pixel
         stands, focus = stand.values, stand.focus
-        wide = _angular_size(stands, np.unique(dot[seen.counted]), target) or wide
+        wide = target.diameter * float(np.mean(stands[np.unique(dot[seen.counted]), 2]))
         if rounds == len(SEARCHES) or (search == 0 and moved < SETTLED_PX):
             break
     return Found(spots, seen, stand, 1 / vergence, reach)
@@ -140,18 +140,6 @@ def _lit(
     due = sensor_pixel(sensor, every.centres[lens] + expected.centroid)
     on = np.all((due > -reach_px) & (due < np.array(sensor.resolution) + reach_px), axis=1)
     return (dot[on], lens[on]), expected.those(on)
-
-
-def _angular_size(stands: Array, seen: Whole, target: FourDot) -> float | None:
-    """Diameter of a dot times its vergence by how far apart the dots seen are: a main lens a little
-    longer leaves their depth open by much. None of fewer than two.
-    """
-    if len(seen) < 2:
-        return None
-    apart, due = (
-        np.linalg.norm(at[seen] - at[seen].mean(axis=0)) for at in (stands[:, :2], target.centres)
-    )
-    return target.diameter * float(apart / due)
 
 
 def _require_apart(apart: float, width: float, blur: float) -> None:
