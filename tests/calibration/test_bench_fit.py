@@ -260,7 +260,6 @@ def test_dots_that_are_seen_once_each_tell_neither_parallax_nor_magnification(
             place[None],
             (lattice.origin_px + lattice.vectors_px @ place)[None],
             unsure,
-            np.zeros((1, 2, 1)),
             blind,
             blind,
             np.zeros((3, 1)),

@@ -117,7 +117,6 @@ def measure(
                 indices,
                 places,
                 np.full((count, 2), 0.05),
-                np.zeros((count, 2, 1)),
                 position,
                 np.full(3, 0.1),
                 np.zeros((3, 9)),
