@@ -6,10 +6,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
-
-Array = npt.NDArray[np.float64]
 
 
 @pytest.fixture
@@ -74,26 +71,25 @@ def test_pixels_hold_the_mean_of_the_light(
     assert np.abs(wrong).max() < 1e-4
 
 
-@pytest.mark.parametrize("radii", [(13.0, 0.9), (20.0, 6.0), (72.2, 23.8), (7.0, 7.0)])
-def test_a_pupil_seen_through_a_lens_keeps_its_light(
-    radii: tuple[float, float], white_pictures: ModuleType, rng: np.random.Generator
+@pytest.mark.parametrize(
+    ("profile", "arguments", "light"),
+    [
+        ("OverlappingDiscs", (20.0, 6.0), math.pi * 20.0**2),
+        ("OverlappingDiscs", (72.2, 23.8), math.pi * 72.2**2),
+        ("SoftDisc", (12.0, 1.0), math.pi * (12.0**2 + 1.0**2)),
+        ("Blob", (1.6,), math.pi * 1.6**2 / math.log(2)),
+    ],
+)
+def test_a_micro_image_has_the_light_of_its_closed_form(
+    profile: str,
+    arguments: tuple[float, ...],
+    light: float,
+    white_pictures: ModuleType,
+    rng: np.random.Generator,
 ) -> None:
-    spec = white_pictures.WhiteSpec(
-        shape=(200, 200), pitch=199.0, profile=white_pictures.OverlappingDiscs(*radii)
-    )
-    light, _ = white_pictures.draw_light(spec, rng)
-    assert light.sum() == pytest.approx(math.pi * max(radii) ** 2, rel=2e-5)
-
-
-def test_discs_and_spots_keep_their_light(
-    white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    disc = white_pictures.WhiteSpec(shape=(200, 200), pitch=199.0)
-    light, _ = white_pictures.draw_light(disc, rng)
-    assert light.sum() == pytest.approx(math.pi * (12.0**2 + 1.0**2), rel=1e-5)
-    spot = replace(disc, profile=white_pictures.Blob(1.6))
-    light, _ = white_pictures.draw_light(spot, rng)
-    assert light.sum() == pytest.approx(math.pi * 1.6**2 / math.log(2), rel=1e-5)
+    one = getattr(white_pictures, profile)(*arguments)
+    spec = white_pictures.WhiteSpec(shape=(200, 200), pitch=199.0, profile=one)
+    assert white_pictures.draw_light(spec, rng)[0].sum() == pytest.approx(light, rel=2e-5)
 
 
 def test_halo_and_blur_move_light_and_lose_none(
@@ -137,13 +133,9 @@ def test_the_true_centre_is_where_a_centroid_is(
         share = np.where(near, light, 0.0) / light[near].sum()
         centroid = np.array([(share * x).sum(), (share * y).sum()])
         assert np.abs(centroid - truth.centre[n]).max() < 2e-4
-        above = near & (light > 0.5 * truth.light[n])
-        assert math.sqrt(above.sum() / math.pi) == pytest.approx(
-            truth.half_light_radius[n], abs=0.15
-        )
 
 
-def test_the_true_lattice_is_the_drawn_one(
+def test_the_true_lattice_is_the_drawn_one_whatever_bends_it(
     white_pictures: ModuleType, rng: np.random.Generator
 ) -> None:
     for layout, angle, expected in (
@@ -151,23 +143,12 @@ def test_the_true_lattice_is_the_drawn_one(
         ("hexagonal along x", 3.0, 3.0),
         ("hexagonal along y", 3.0, -27.0),
     ):
-        spec = white_pictures.WhiteSpec(
-            layout=layout, angle=angle, pitch=31.0, scatter=0.2, stretch=0.002, shear=0.001
-        )
+        spec = white_pictures.WhiteSpec(layout=layout, angle=angle, pitch=31.0, bend=0.4)
         _, truth = white_pictures.draw_light(spec, rng)
-        assert truth.lattice.pitch == pytest.approx(31.0, abs=1e-9)
-        assert truth.lattice.angle == pytest.approx(expected, abs=1e-9)
-        assert truth.scatter == pytest.approx(0.2, rel=0.1)
-
-
-def test_a_bend_is_as_large_as_it_says_and_keeps_the_pitch(
-    white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    _, truth = white_pictures.draw_light(white_pictures.WhiteSpec(bend=0.4), rng)
-    left = (truth.centre - truth.lattice.at(truth.index))[truth.whole]
-    assert math.sqrt(np.mean(np.sum(left**2, axis=1))) == pytest.approx(0.4, rel=1e-6)
-    assert np.abs(left.mean(axis=0)).max() < 1e-9
-    assert truth.lattice.pitch == pytest.approx(30.0, abs=1e-9)
+        assert truth.lattice.pitch == pytest.approx(31.0, abs=2e-3)
+        assert truth.lattice.angle == pytest.approx(expected, abs=2e-3)
+        left = (truth.centre - truth.lattice.at(truth.index))[truth.whole]
+        assert math.sqrt(np.mean(np.sum(left**2, axis=1))) == pytest.approx(0.4, rel=0.05)
 
 
 def test_shot_noise_and_black_level_are_those_of_the_sensor(
@@ -195,11 +176,11 @@ def test_what_was_found_is_matched_to_what_was_drawn(
     centres = np.vstack([truth.centre[whole] + noise, stray])
     indices = np.vstack([turned, [[90, 90], [91, 90]]])
     matched = white_pictures.match(truth, centres, indices)
-    assert matched.invented.tolist() == [len(whole), len(whole) + 1]
+    assert matched.found.tolist() == list(range(len(whole)))
     assert matched.overlooked.size == 0
     assert matched.index_is_right
     np.testing.assert_allclose(matched.error, noise, atol=1e-9)
-    assert matched.z(np.full(len(centres), 0.02)).std() == pytest.approx(1, rel=0.1)
+    assert matched.z(np.full((len(centres), 2), 0.02)).std() == pytest.approx(1, rel=0.1)
     indices[0] += 1
     assert not white_pictures.match(truth, centres, indices).index_is_right
 
@@ -211,102 +192,25 @@ def test_a_lattice_is_compared_up_to_its_symmetry(
     _, truth = white_pictures.draw_light(spec, rng)
     drawn = truth.lattice
     origin = drawn.origin + drawn.vectors @ [4, -3] + [0.01, -0.02]
-    others = drawn.vectors @ np.array([[0, -1], [1, 1]])
-    found = white_pictures.compare_lattice(drawn, origin, drawn.pitch + 1e-3, -31.5, others)
+    found = white_pictures.compare_lattice(drawn, origin, drawn.pitch + 1e-3, -31.5)
     assert found.pitch == pytest.approx(1e-3)
     assert found.angle == pytest.approx(-0.5)
     np.testing.assert_allclose(found.origin, [0.01, -0.02], atol=1e-9)
-    assert found.vectors < 1e-9
 
 
-def test_half_of_a_covered_lens_is_dark_and_a_dead_one_nearly_all(
+def test_dead_half_covered_and_missing_lenses_have_less_light(
     white_pictures: ModuleType, rng: np.random.Generator
 ) -> None:
-    spec = white_pictures.WhiteSpec(dead=3, half_covered=3, missing=3)
-    light, truth = white_pictures.draw_light(spec, rng)
-    y, x = np.indices(spec.shape)
-
-    def flux(flags: npt.NDArray[np.bool_]) -> list[float]:
-        near = [np.hypot(x - c[0], y - c[1]) < 15 for c in truth.centre[flags][:20]]
-        return [float(light[one].sum()) / (145 * math.pi) for one in near]
-
-    assert flux(truth.half_covered) == pytest.approx([0.5] * 3, abs=0.01)
-    assert flux(truth.missing) == pytest.approx([0.0] * 3, abs=1e-3)
-    dead = flux(truth.dead)
-    assert len(dead) == 3
-    assert 0.02 <= min(dead) <= max(dead) <= 0.22
-    assert flux(truth.whole) == pytest.approx([1.0] * 20, abs=1e-3)
-
-
-def test_kinds_alternate_between_neighbours(
-    white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    spec = white_pictures.WhiteSpec(layout="hexagonal along y", kinds=(1.0, 0.9, 1.1))
-    _, truth = white_pictures.draw_light(spec, rng)
-    matched = {tuple(index): kind for index, kind in zip(truth.index, truth.kind, strict=True)}
-    for (i, j), kind in matched.items():
-        for step in ((1, 0), (0, 1), (1, -1)):
-            assert matched.get((i + step[0], j + step[1]), -1) != kind
-    np.testing.assert_allclose(truth.radius, 12.0 * np.array(spec.kinds)[truth.kind], rtol=1e-6)
-
-
-def test_no_lens_stands_in_unlit_surrounds(
-    white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    light, truth = white_pictures.draw_light(white_pictures.WhiteSpec(margin=150.0), rng)
-    assert truth.whole.all()
-    assert light[:130].max() == light[:, -130:].max() == 0
-    assert light[300].max() > 0.99
-
-
-def test_the_share_of_saturated_pixels_is_the_one_asked_for(
-    white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    readout = white_pictures.Readout(saturated=0.02)
-    spec = white_pictures.WhiteSpec(rounding=0.2, readout=readout)
-    picture, truth = white_pictures.draw_white(spec, rng)
-    assert np.mean(picture == 65535) == truth.saturated == pytest.approx(0.02, rel=0.3)
-
-
-@pytest.mark.ci
-def test_random_whites_hold_enough_lenses_and_do_not_saturate(
-    white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    layouts: set[str] = set()
-    for _ in range(8):
-        spec = white_pictures.random_spec(rng)
-        picture, truth = white_pictures.draw_white(spec, rng)
-        layouts.add(spec.layout)
-        assert picture.shape == spec.shape
-        assert truth.whole.sum() >= 20
-        assert truth.saturated == 0
-        assert truth.lattice.pitch == pytest.approx(spec.pitch, rel=1e-5)
-    assert len(layouts) == 3
-
-
-def test_hardness_of_nothing_leaves_only_noise(
-    white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    spec = white_pictures.random_spec(rng, 0.0)
-    ideal = white_pictures.WhiteSpec()
-    for name in ("scatter", "brightness", "slope", "rounding", "second_stop", "halo", "bend"):
-        assert getattr(spec, name) == getattr(ideal, name)
-    assert (spec.dead, spec.half_covered, spec.missing) == (0, 0, 0)
-
-
-def test_pictures_that_are_no_whites_are_pictures(
-    white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    for name, make in white_pictures.NOT_WHITES.items():
-        picture = make((420, 500), rng)
-        assert (picture.shape, picture.dtype) == ((420, 500), np.uint16), name
-
-
-@pytest.mark.parametrize("name", ["GUV-like", "R12-like", "touching", "unlit surrounds"])
-def test_a_named_white_can_be_drawn(
-    name: str, white_pictures: ModuleType, rng: np.random.Generator
-) -> None:
-    spec = white_pictures.NAMED[name]
-    picture, truth = white_pictures.draw_white(spec, rng)
-    assert picture.shape == spec.shape
-    assert truth.lattice.pitch == pytest.approx(spec.pitch, rel=1e-5)
+    light, truth = white_pictures.draw_light(
+        white_pictures.WhiteSpec(dead=3, half_covered=3, missing=3), rng
+    )
+    y, x = np.indices(light.shape)
+    spoilt = ~truth.whole & np.all((truth.centre > 20) & (truth.centre < [779, 579]), axis=1)
+    flux = [
+        float(light[np.hypot(x - c[0], y - c[1]) < 15].sum()) / (145 * math.pi)
+        for c in truth.centre[spoilt]
+    ]
+    shares = sorted(flux)
+    assert shares[:3] == pytest.approx([0.0] * 3, abs=1e-3)
+    assert 0.02 <= shares[3] <= shares[5] <= 0.22
+    assert shares[6:] == pytest.approx([0.5] * 3, abs=0.01)
