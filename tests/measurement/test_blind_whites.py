@@ -11,6 +11,7 @@ from white_pictures.drawing import draw_white
 from white_pictures.matching import compare_lattice, match
 from white_pictures.named import NAMED
 from white_pictures.not_whites import NOT_WHITES
+from white_pictures.profiles import OverlappingDiscs
 from white_pictures.random_specs import random_spec
 from white_pictures.spec import WhiteSpec
 
@@ -201,3 +202,27 @@ def test_a_picture_of_dots_without_a_camera_file_is_a_usage_error(tmp_path: Path
     np.save(tmp_path / "dots.npy", np.zeros((100, 100), dtype=np.uint16))
     said = CliRunner().invoke(app, ["measure", str(tmp_path / "dots.npy"), "--target", "four-dot"])
     assert said.exit_code == 2
+
+
+def test_a_bent_lattice_is_not_followed_into_a_dark_frame() -> None:
+    spec = WhiteSpec(shape=(420, 300), pitch=26.0, angle=23.0, slope=0.1, bend=0.3)
+    picture, truth = draw_white(spec, np.random.default_rng(5))
+    found = measure_blind(np.pad(picture, 200, constant_values=500))
+    figures = figures_of(found.white, found.picture.shape)
+    sure = math.hypot(figures.own[0], figures.common[0])
+    assert abs(figures.values[0] - truth.lattice.pitch) < min(3 * sure, 1e-3 * 26.0)
+
+
+def test_touching_micro_images_in_a_dark_frame_are_the_bright_ones() -> None:
+    spec = WhiteSpec(
+        shape=(300, 360),
+        layout="hexagonal along x",
+        pitch=13.0,
+        angle=12.0,
+        profile=OverlappingDiscs(6.8, 2.3),
+    )
+    picture, truth = draw_white(spec, np.random.default_rng(5))
+    framed = np.pad(picture, ((150, 150), (180, 180)), constant_values=500)
+    grid = measure_blind(framed).white.grid
+    pitch, _ = pitch_and_angle(grid.layout, grid.vectors_px)
+    assert pitch == pytest.approx(truth.lattice.pitch, rel=3e-4)

@@ -146,7 +146,9 @@ def averaged(picture: npt.NDArray[np.floating], factor: int) -> npt.NDArray[np.f
 
 
 def _windows(picture: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
-    """The middle of a picture, and beside it the part that varies most where that is elsewhere."""
+    """The middle of a picture, the middle of that, which a dark frame does not reach, and beside
+    them the part that varies most where that is elsewhere.
+    """
     rows, columns = (min(WINDOW, size) for size in picture.shape)
     tops = [(picture.shape[0] - rows) // 2, 0, picture.shape[0] - rows]
     lefts = [(picture.shape[1] - columns) // 2, 0, picture.shape[1] - columns]
@@ -156,7 +158,9 @@ def _windows(picture: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
     ]
     spreads = [float(np.subtract(*np.quantile(part[::4, ::4], [0.9, 0.1]))) for part in parts]
     most = int(np.argmax(spreads))
-    return parts[:1] if spreads[most] < 3 * spreads[0] or most == 0 else [parts[0], parts[most]]
+    inner = parts[0][rows // 4 : rows - rows // 4, columns // 4 : columns - columns // 4]
+    elsewhere = most > 0 and spreads[most] >= 3 * spreads[0]
+    return [parts[0], inner, *([parts[most]] if elsewhere else [])]
 
 
 def _vectors_in(window: npt.NDArray[np.float32]) -> tuple[float, Array] | None:
@@ -339,15 +343,13 @@ def _mean_cell(
             of_site.append((*_scaled(shape, values, weights), site, radius, soft))
         of_site = [one for one in of_site if one[1] > 0]
         begun += [min(of_site, key=lambda one: one[0])] if of_site else []
-    if not begun:
-        raise MeasurementError(
-            "white picture: what repeats in it are no bright spots; a picture of an evenly lit"
-            " target is due"
-        )
+
+    def drawn(free: Array) -> tuple[Array, float, float]:
+        shape = _discs(grid - free[:2], vectors, free[2] * pitch, free[3] * pitch)
+        return shape, *_scaled(shape, values, weights)[1:]
 
     def left(free: Array) -> Array:
-        shape = _discs(grid - free[:2], vectors, free[2] * pitch, free[3] * pitch)
-        _, light, ground = _scaled(shape, values, weights)
+        shape, light, ground = drawn(free)
         return weights * (ground + light * shape - values)
 
     fits = [
@@ -360,9 +362,15 @@ def _mean_cell(
         )
         for _, _, _, site, radius, soft in begun
     ]
-    best = min(fits, key=lambda one: float(one.cost)).x
-    shape = _discs(grid - best[:2], vectors, best[2] * pitch, best[3] * pitch)
-    _, light, ground = _scaled(shape, values, weights)
+    # where micro-images touch, dark spots between them can be the closer ones
+    lit = [one for one in fits if drawn(one.x)[1] > 0]
+    if not lit:
+        raise MeasurementError(
+            "white picture: what repeats in it are no bright spots; a picture of an evenly lit"
+            " target is due"
+        )
+    best = min(lit, key=lambda one: float(one.cost)).x
+    _, light, ground = drawn(best)
     return RoughLattice(
         layout,
         vectors * scale,
@@ -375,9 +383,7 @@ def _mean_cell(
 
 
 def _anchor(picture: npt.NDArray[np.float32], vectors: Array) -> Array:
-    """Where the folding starts: the middle, or the place that varies most where the middle hardly
-    does.
-    """
+    """Where the folding starts: the middle, or where what repeats varies most."""
     reach = FOLDED * float(np.max(np.hypot(*vectors)))
     height, width = picture.shape
     shares = [0.5, 0.25, 0.75, 0.1, 0.9]
@@ -396,8 +402,10 @@ def _anchor(picture: npt.NDArray[np.float32], vectors: Array) -> Array:
             max(0, int(y - reach)) : int(y + reach) + 1, max(0, int(x - reach)) : int(x + reach) + 1
         ]
         spreads.append(float(np.subtract(*np.quantile(part, [0.9, 0.1]))))
-    most = int(np.argmax(spreads))
-    return spots[0] if spreads[0] > 0.6 * spreads[most] else spots[most]
+    if spreads[0] > 0.6 * max(spreads):
+        return spots[0]
+    # the rim of unlit surrounds varies most, and repeats least
+    return max(spots, key=lambda spot: float(_folded(picture, vectors, spot)[0].std()))
 
 
 def _folded(picture: npt.NDArray[np.float32], vectors: Array, anchor: Array) -> tuple[Array, Array]:
