@@ -10,7 +10,13 @@ from scipy.spatial import KDTree
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, find_lattice
 from flflab.measurement.lattice.grid import Grid, grid_through
-from flflab.measurement.lattice.index import FEWEST, Indexed, index_lattice, looks_right
+from flflab.measurement.lattice.index import (
+    FEWEST,
+    Indexed,
+    index_lattice,
+    looks_right,
+    unlike_most,
+)
 from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, WIDER, X, Y
 from flflab.measurement.lattice.mean_profile import (
     Profile,
@@ -52,6 +58,7 @@ JOINTLY = 50  # pixels along a radius where many micro-images overlap
 RIM = 0.05  # of the light: where a micro-image ends
 SPARSE = 12  # pixels along a radius that are enough to begin with
 TURNS = (BLOB, 3), (DISC, 3), (DISC, 3), (DISC, 2)  # what is fitted in how many steps
+NEXT = 1.2  # pitches: neighbours
 LAST = len(TURNS) - 1
 
 
@@ -135,6 +142,8 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
     for turn, (size, rounds) in enumerate(TURNS):
         inner = found & inside(values, shape, profile.end)
         require_enough(inner)
+        if doubt is not None:
+            inner &= ~unlike_most(values, doubt, profile, inner)
         members, before = np.flatnonzero(inner), profile
         profile = measured_profile(pixels, values, members, neighbours, before)
         if indexed.ground is None:
@@ -148,6 +157,7 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
         model = Model(profile, neighbours, prior, size, joint)
         values = fit(pixels, values, lit, model, 2 * rounds if joint else rounds)
         doubt = spread(pixels, values, every, model)
+        inner &= ~unlike_most(values, doubt, profile, inner)
         if turn == LAST - 1:
             slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
         misfit = float(np.median(doubt.misfit[inner]))
@@ -176,6 +186,7 @@ def with_grid(
     found = fitted.found & looks_right(values, doubt, profile, rough.pitch)
     whole = found & there
     require_enough(whole)
+    whole &= ~unlike_most(values, doubt, profile, whole)
     between = 0.0 if fitted.joint else _light_between(rough, profile)
     definition = definition_of_centres(doubt, fitted.slopes, profile, between)
     ways = asides(indices, float(np.median(definition[whole])))
@@ -185,12 +196,15 @@ def with_grid(
     aside = profile.softness * np.where(beside, BESIDE, BEHIND * behind)
     definition = np.hypot(definition, aside)
     own = np.sqrt(doubt.covariance[:, [X, Y], [X, Y]])
+    # a bent lattice is not followed into unlit surrounds
+    near, _ = KDTree(values[whole, :2]).query(values[:, :2], 3)
+    beyond, amid = near[:, 0] < NEXT * rough.pitch, near[:, 2] < NEXT * rough.pitch
     grid = grid_through(
         rough.layout,
         indices[whole],
         values[whole, :2],
         np.hypot(own, aside[:, None])[whole],
-        [indices[there], indices[inside(values, shape, 0.0)]],
+        [indices[whole | there & amid], indices[inside(values, shape, 0.0) & beyond]],
         [one[whole] for one in ways],
     )
     return WhitePicture(
