@@ -16,7 +16,6 @@ from flflab.measurement.lattice.kernel import GROUND, LIGHT, VALUES, WIDER
 from flflab.measurement.lattice.mean_profile import (
     Profile,
     measured_profile,
-    recentred,
     soft_disc,
 )
 from flflab.measurement.lattice.micro_images import (
@@ -24,9 +23,9 @@ from flflab.measurement.lattice.micro_images import (
     Model,
     expected,
     fit,
-    neighbours_within,
     with_ground,
 )
+from flflab.measurement.lattice.neighbours import neighbours_within
 from flflab.measurement.lattice.phase import displaced
 from flflab.measurement.lattice.pixels import Pixels
 from flflab.measurement.lattice.spread import Spread, spread
@@ -123,10 +122,7 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
         values[~found, :2] = centres[~found]
         members = np.flatnonzero(found & _shown(values[:, :2], shape, -profile.end))
         if now is first and len(members) >= ENOUGH:
-            around = neighbours_within(values[:, :2], 2 * profile.end)
-            before = profile
-            profile = measured_profile(pixels, values, members, around, before)
-            values = recentred(values, profile, before, members)
+            profile, values = measured_profile(pixels, values, members, profile, ground is None)
     if np.count_nonzero(found) < FEWEST:
         raise MeasurementError(
             "white picture: is it one, of an evenly lit target, well exposed? It shows"

@@ -189,7 +189,8 @@ def sum_profile(
     members: Whole,
     values: Array,
     neighbours: Whole,
-    spline: tuple[float, int, float, float],
+    profile: tuple[Array, float, float],
+    spline: tuple[float, int, float],
     every: Whole,
     noise: Array,
 ) -> tuple[Array, Array]:  # pragma: no cover - compiled
@@ -200,12 +201,13 @@ def sum_profile(
         members: see there.
         values: see there.
         neighbours: see there.
-        spline: spacing of its knots in px, number of coefficients, radius at half light, and the
-            distance at which it ends.
+        profile: the one before, by which pixels are weighed, as ``sum_up``'s.
+        spline: spacing of the knots in px, number of coefficients, distance at which it ends.
         every: see there.
         noise: see there.
     """
-    spacing, count, radius, end = spline
+    table, radius, step = profile
+    spacing, count, end = spline
     normal, right = np.zeros((count, count)), np.zeros(count)
     most = 4 * (neighbours.shape[1] + 1)
     index, share = np.zeros(most, dtype=np.int64), np.zeros(most)
@@ -229,7 +231,7 @@ def sum_profile(
                 read = picture[row, column]
                 if not read < noise[2]:
                     continue
-                used = 0
+                used, expected = 0, one[GROUND]
                 for k in range(-1, neighbours.shape[1]):
                     o = n if k < 0 else neighbours[n, k]
                     if o < 0:
@@ -237,6 +239,7 @@ def sum_profile(
                     dx, dy = column - values[o, X], row - values[o, Y]
                     r = math.sqrt(dx * dx + dy * dy)
                     place = radius + (r - radius - values[o, WIDER]) * math.exp(-values[o, SOFTER])
+                    entry = int(max(place, 0.0) / step)
                     place = max(place, 0.0) / spacing
                     j = int(place)
                     if j + 3 >= count:
@@ -244,6 +247,8 @@ def sum_profile(
                     t = place - j
                     tilt = 1.0 + (values[o, SLOPE_X] * dx + values[o, SLOPE_Y] * dy) / radius
                     light = values[o, LIGHT] * tilt / 6.0
+                    if entry < len(table):
+                        expected += 6.0 * light * table[entry, 0]
                     for c in range(4):
                         index[used + c] = j + c
                     share[used] = light * (1 - t) ** 3
@@ -252,10 +257,9 @@ def sum_profile(
                     share[used + 3] = light * t**3
                     used += 4
                 rest = read - one[GROUND]
-                light = one[LIGHT]
-                weight = 1.0 / (
-                    noise[0] + noise[1] * max(read - noise[3], 0.0) + (noise[4] * light) ** 2
-                )
+                misfit = noise[4] * one[LIGHT]
+                variance = noise[0] + noise[1] * max(expected - noise[3], 0.0) + misfit * misfit
+                weight = 1.0 / variance
                 for a in range(used):
                     right[index[a]] += weight * share[a] * rest
                     for b in range(used):

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 from threadpoolctl import threadpool_limits
 
 from flflab.measurement.lattice.kernel import (
@@ -31,7 +30,6 @@ Whole = npt.NDArray[np.int64]
 
 BLOB, DISC = WIDER + 1, VALUES  # how many values are fitted: a blob's slope is no more than a shift
 AT_ONCE = 1024  # systems of neighbours in memory
-MOST = 18  # neighbours: two rings of a hexagonal lattice
 DAMPED = 1e-3  # first damping of a step, relative
 WIDEST, SOFTEST = 0.6, 1.2  # of the radius; logarithm of the softness
 LONGEST_SLOPE = 0.05  # by which a slope may change at once
@@ -45,20 +43,6 @@ class Sums:
     cross: Array
     right: Array
     fit: Array
-
-
-def neighbours_within(centres: Array, reach: float) -> Whole:
-    """Positions of the other micro-images whose centres lie nearer, of the nearest ``MOST``; -1
-    where there is none.
-    """
-    most = min(MOST, len(centres) - 1)
-    if most < 1:
-        return np.full((len(centres), 1), -1, dtype=np.int64)
-    found = KDTree(centres).query(centres, most + 1, distance_upper_bound=reach)[1]
-    found = np.where(found == np.arange(len(centres))[:, None], len(centres), found)
-    found = np.sort(found, axis=1)[:, :most].astype(np.int64)
-    found[found == len(centres)] = -1
-    return found[:, : max(1, int((found >= 0).sum(axis=1).max()))]
 
 
 @dataclass(frozen=True)

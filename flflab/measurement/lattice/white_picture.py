@@ -11,12 +11,10 @@ from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, find_lattice
 from flflab.measurement.lattice.grid import Grid, grid_through
 from flflab.measurement.lattice.index import FEWEST, Indexed, index_lattice, looks_right
-from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, WIDER, X, Y
+from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, SOFTER, WIDER, X, Y
 from flflab.measurement.lattice.mean_profile import (
     Profile,
-    above_ground,
     measured_profile,
-    recentred,
 )
 from flflab.measurement.lattice.micro_images import (
     BLOB,
@@ -25,13 +23,14 @@ from flflab.measurement.lattice.micro_images import (
     Model,
     expected,
     fit,
-    neighbours_within,
     with_ground,
 )
+from flflab.measurement.lattice.neighbours import neighbours_within
 from flflab.measurement.lattice.pixels import Pixels, finer
 from flflab.measurement.lattice.slopes import (
     BEHIND,
     BESIDE,
+    SLOPE_OF_BLOB,
     Slopes,
     asides,
     course_of_slopes,
@@ -49,10 +48,12 @@ Flags = npt.NDArray[np.bool_]
 START_MISFIT = 0.03  # share of the light by which pixels may depart from the first profile
 LEAST_MISFIT = 2e-3  # the same of the last one
 JOINTLY = 50  # pixels along a radius where many micro-images overlap
+FAR = 0.75  # of the pitch: wider micro-images overlap so far that edges are hardly told apart
+DARK, FEWEST_FAR = 3.3, 24  # pitches from a dark place; micro-images so far from all
 RIM = 0.05  # of the light: where a micro-image ends
 SPARSE = 12  # pixels along a radius that are enough to begin with
-TURNS = (BLOB, 3), (DISC, 3), (DISC, 3), (DISC, 2)  # what is fitted in how many steps
-LAST = len(TURNS) - 1
+TURNS = (BLOB, 3), (SOFTER + 1, 3), (DISC, 3), (DISC, 3)  # what is fitted in how many steps
+LOOK = 2  # the turn from which on all pixels are looked at, and which shows how light slopes
 
 
 @dataclass(frozen=True)
@@ -124,65 +125,101 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
     """
     rough = find_lattice(picture)
     require_contrast(rough, noise)
+    return with_grid(rough, fitted_near(picture, noise, rough), picture.shape)
+
+
+def fitted_near(
+    picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLattice
+) -> Fitted:
+    """Every micro-image by itself, beside the profile that all show.
+
+    Args:
+        picture: DN, [row, col].
+        noise: of the sensor.
+        rough: where they are, roughly.
+
+    Raises:
+        MeasurementError: fewer than six of them are whole.
+    """
     pixels = Pixels(picture, noise, START_MISFIT, max(1, int(rough.radius / SPARSE)))
     indexed = index_lattice(pixels, rough)
-    profile, joint = indexed.profile, indexed.joint
-    shape = picture.shape
-    indices, values, found, lit = begun(indexed, shape, profile.end)
+    profile, joint, shape = indexed.profile, indexed.joint, picture.shape
+    indices, values, found, lit = _begun(indexed, shape, profile.end)
     every = np.arange(len(values))
     neighbours = neighbours_within(values[:, :2], 2 * profile.end)
     slopes, misfit, doubt = unknown_slopes(len(values)), START_MISFIT, None
     for turn, (size, rounds) in enumerate(TURNS):
-        inner = found & inside(values, shape, profile.end)
+        inner = found & inside(values, shape, _border(values, found, shape, profile, rough.pitch))
         require_enough(inner)
-        members, before = np.flatnonzero(inner), profile
-        profile = measured_profile(pixels, values, members, neighbours, before)
-        if indexed.ground is None:
-            profile = above_ground(profile)
-        values = recentred(values, profile, before, members)
-        if turn == LAST:
-            values[:, SLOPE_X:] = slopes.mean
+        if turn == LOOK:
             closest = max(1, round(profile.radius / JOINTLY)) if joint else 1
             pixels = finer(pixels, pixels.misfit, closest)
+        grounded = indexed.ground is None
+        profile, values = measured_profile(pixels, values, np.flatnonzero(inner), profile, grounded)
         prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
         model = Model(profile, neighbours, prior, size, joint)
+        before = values
         values = fit(pixels, values, lit, model, 2 * rounds if joint else rounds)
         doubt = spread(pixels, values, every, model)
-        if turn == LAST - 1:
-            slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
+        if turn == LOOK:
+            some = _far_from_dark(values, lit, inner, rough.pitch)
+            slopes = course_of_slopes(indices, values, doubt, some, slopes, profile.radius)
+            if slopes.doubt >= SLOPE_OF_BLOB:  # places are not told from slopes that are free
+                values[:, [X, Y]] = before[:, [X, Y]]
+            values[:, SLOPE_X:] = slopes.mean
         misfit = float(np.median(doubt.misfit[inner]))
         pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
     assert doubt is not None  # noqa: S101 - there are turns
-    fitted = Fitted(indices, values, found, profile, doubt, slopes, joint, misfit)
-    return with_grid(rough, fitted, shape)
+    return Fitted(indices, values, found, profile, doubt, slopes, joint, misfit)
 
 
-def with_grid(
-    rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...], cut: float = 0.0
-) -> WhitePicture:
+def _far_from_dark(values: Array, lit: Whole, inner: Flags, pitch: float) -> Flags:
+    """Those of some micro-images that have no dark place near, towards which halos fall off and
+    look like slopes; all where these are few.
+    """
+    dark = np.delete(values[:, :2], lit, axis=0)
+    if len(dark) == 0:
+        return inner
+    far = inner & (KDTree(dark).query(values[:, :2])[0] > DARK * pitch)
+    return far if np.count_nonzero(far) >= FEWEST_FAR else inner
+
+
+def _border(
+    values: Array, found: Flags, shape: tuple[int, ...], profile: Profile, pitch: float
+) -> float:
+    """How far from the border centres must lie to count, px: where few micro-images are whole,
+    those whose centre is on the picture tell the lattice too, unless they overlap far.
+    """
+    enough = np.count_nonzero(found & inside(values, shape, profile.end)) >= FEWEST
+    return profile.end if enough or profile.end > FAR * pitch else 0.0
+
+
+def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> WhitePicture:
     """The measured white picture: which micro-images are whole, and the lattice through them.
 
     Args:
         rough: what was found blind.
         fitted: the micro-images.
         shape: of the picture, (rows, columns).
-        cut: how much of a radius the border may cut off a whole one, px.
 
     Raises:
         MeasurementError: fewer than six of them are whole.
     """
     indices, values, profile, doubt = fitted.indices, fitted.values, fitted.profile, fitted.spread
-    there = inside(values, shape, profile.reaches(RIM) + 0.5 - cut)
+    border = _border(values, fitted.found, shape, profile, rough.pitch)
+    there = inside(values, shape, min(border, profile.reaches(RIM) + 0.5))
     found = fitted.found & looks_right(values, doubt, profile, rough.pitch)
     whole = found & there
     require_enough(whole)
     between = 0.0 if fitted.joint else _light_between(rough, profile)
     definition = definition_of_centres(doubt, fitted.slopes, profile, between)
-    ways = asides(indices, float(np.median(definition[whole])))
     missing = ~found & inside(values, shape, 0.0)
     beside = _beside(indices, missing, rough.layout)
     behind = _beside(indices, beside & ~missing, rough.layout)
     aside = profile.softness * np.where(beside, BESIDE, BEHIND * behind)
+    # round a whole array all that border on darkness lie aside alike
+    together = math.sqrt(float(np.mean(aside[whole] ** 2)))
+    ways = asides(indices, math.hypot(float(np.median(definition[whole])), together))
     definition = np.hypot(definition, aside)
     own = np.sqrt(doubt.covariance[:, [X, Y], [X, Y]])
     grid = grid_through(
@@ -248,7 +285,7 @@ def _light_between(rough: RoughLattice, profile: Profile) -> float:
     return float(profile.table[min(int(middle / profile.step), len(profile.table) - 1), 0])
 
 
-def begun(
+def _begun(
     indexed: Indexed, shape: tuple[int, ...], reach: float
 ) -> tuple[Whole, Array, Flags, Whole]:
     """Micro-images that reach the picture, to begin with.
