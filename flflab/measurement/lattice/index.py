@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice
@@ -39,6 +38,7 @@ FEWEST = 6  # whole micro-images
 ENOUGH = 20  # for a profile of their own
 LEAST_LIGHT = 0.02  # of the brightest ones'
 WORST = 0.25  # of a micro-image's light: what it may leave
+ALIGN, STEPS = 6, 3  # of the first fit and of that of all
 MOVED = 0.25  # of the pitch: how far from where it was expected
 OVERLAP = 1.04  # of half the pitch: wider micro-images are fitted together
 CUT = 4.0  # robust deviations beyond which a centre does not count for the map
@@ -114,12 +114,25 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
     found, shape = np.zeros(len(indices), dtype=np.bool_), pixels.picture.shape
     there = _shown(centres, shape, 0.0)
     first = there & (np.hypot(*(indices @ (rough.vectors / rough.pitch).T).T) <= FIRST)
-    for now in (first, there):
-        if not now.any():
-            continue
-        values, good = _fitted(pixels, values, now, found, profile, rough.pitch, joint, ground)
-        found |= good & (np.hypot(*(values[:, :2] - centres).T) < MOVED * rough.pitch)
+    local = _local_light(pixels.picture, centres, rough.radius / 2)
+    for now, steps in ((first, ALIGN), (there, STEPS)):
+        if found.any():
+            centres += np.median((values[:, :2] - centres)[found], axis=0)
+            usual = np.median(values[found], axis=0)
+            values[~found, LIGHT:] = usual[LIGHT:]
+            level = (local - usual[GROUND]) / (float(np.median(local[found])) - usual[GROUND])
+            values[~found, LIGHT] *= np.clip(level, LEAST_LIGHT, 2.0)[~found]
         values[~found, :2] = centres[~found]
+        prior = expected(values, profile, rough.pitch)
+        prior.spread[:, LIGHT] *= 4
+        if ground is not None:
+            prior = with_ground(prior, ground)
+        fresh = np.flatnonzero(now)
+        model = Model(profile, neighbours_within(values[:, :2], 2 * profile.end), prior, BLOB)
+        values = fit(pixels, values, fresh, model, steps)
+        good = looks_right(values[fresh], spread(pixels, values, fresh, model), profile, rough.pitch)
+        good &= np.hypot(*(values[:, :2] - centres)[fresh].T) < MOVED * rough.pitch
+        found[fresh] |= good
         members = np.flatnonzero(found & _shown(values[:, :2], shape, -profile.end))
         if now is first and len(members) >= ENOUGH:
             profile, values = measured_profile(pixels, values, members, profile, ground is None)
@@ -165,39 +178,12 @@ def _shown(centres: Array, shape: tuple[int, ...], room: float) -> Flags:
     return np.all((centres > -0.5 - room) & (centres < top + room), axis=1)
 
 
-def _fitted(
-    pixels: Pixels,
-    values: Array,
-    now: Flags,
-    found: Flags,
-    profile: Profile,
-    pitch: float,
-    joint: bool,
-    ground: float | None,
-) -> tuple[Array, Flags]:
-    """Values with those that are looked at now fitted, and which look like micro-images."""
-    values = values.copy()
-    if found.any():
-        light = float(np.median(values[found, LIGHT]))
-        values[~found, LIGHT] = light
-        values[~found, GROUND] = float(np.median(values[found, GROUND]))
-        values[~found, WIDER] = float(np.median(values[found, WIDER]))
-    # those beside them light their pixels too
-    beside = KDTree(values[now, :2]).query(values[:, :2])[0] < 2 * profile.end
-    members = np.flatnonzero(now | beside)
-    some, fresh = values[members], np.flatnonzero(now[members])
-    around = neighbours_within(some[:, :2], 2 * profile.end)
-    prior = expected(some, profile, pitch)
-    prior.spread[:, LIGHT] *= 4
-    if ground is not None:
-        prior = with_ground(prior, ground)
-    model = Model(profile, around, prior, BLOB, joint)
-    some = fit(pixels, some, fresh, model, 8 if joint else 3)
-    doubt = spread(pixels, some, fresh, model)
-    values[members] = some
-    good = np.zeros(len(values), dtype=np.bool_)
-    good[members[fresh]] = looks_right(some[fresh], doubt, profile, pitch)
-    return values, good
+def _local_light(picture: npt.NDArray[np.float32], centres: Array, reach: float) -> Array:
+    """Mean over some pixels round each centre, those beside the picture taken from its border."""
+    steps = np.array(list(itertools.product((-reach, 0.0, reach), repeat=2)))
+    at = np.rint(centres[:, None] + steps).astype(np.int64)
+    x, y = np.clip(at, 0, np.array(picture.shape[::-1]) - 1).transpose(2, 0, 1)
+    return np.asarray(picture[y, x].mean(axis=1), dtype=np.float64)
 
 
 def looks_right(values: Array, doubt: Spread, profile: Profile, pitch: float) -> Flags:

@@ -89,17 +89,17 @@ def measured_profile(
     some = members[light > LIT * float(np.median(light))]
     some = some[:: max(1, len(some) // PROFILED)]
     spacing = max(KNOTS_PX, before.end / MOST_KNOTS)
-    length = before.end + BEYOND * spacing
+    # where no gap shows the ground it does not tell light that goes far from none
+    length = before.end + (BEYOND * spacing if grounded else 0.0)
     count = int(length / spacing) + 4
     near = KDTree(values[members, :2]).query(values[members, :2], 2)[0][:, 1]
     pitch = float(np.median(near))
     neighbours = neighbours_within(values[:, :2], max(2 * before.end, NEXT * pitch))
-    every = np.full(len(values), pixels.every, dtype=np.int64)
     spline = spacing, count, length
     shape = before.table, before.radius, before.step
     parts = in_bands(
         lambda band: sum_profile(
-            pixels.picture, band, values, neighbours, shape, spline, every, pixels.numbers
+            pixels.picture, band, values, neighbours, shape, spline, pixels.every, pixels.numbers
         ),
         some,
     )
@@ -125,13 +125,15 @@ def measured_profile(
         value = np.maximum(value - max(float(value[tail].mean()), 0.0), 0.0)
     top = float(value[r < 0.3 * before.radius].mean())
     table = np.stack([value, fall], axis=1) / top
-    lit = int(np.flatnonzero(table[:, 0] > FAINT)[-1]) + int(2 * spacing / step)
+    above = np.flatnonzero(table[:, 0] >= 0.5)
+    outer = int(above[-1]) if len(above) else 0
+    # what shows again beyond darkness is no light
+    faint = np.flatnonzero(table[outer:, 0] < FAINT)
+    lit = min(outer + int(faint[0]) if len(faint) else len(table), len(table)) + int(2 * spacing / step)
     # where neighbours leave room, the ground beyond it is looked at
     room = pitch / 2 - lit * step
     around = int(min(max(room, 0.0), max(AROUND[0] * before.radius, AROUND[1])) / step)
     table = np.concatenate([table[:lit], np.zeros((around, 2))])
-    above = np.flatnonzero(table[:, 0] >= 0.5)
-    outer = int(above[-1]) if len(above) else 0
     here, there = table[outer, 0], table[min(outer + 1, len(table) - 1), 0]
     radius = (outer + (here - 0.5) / max(here - there, 1e-12)) * step
     beside = values.copy()

@@ -51,8 +51,8 @@ JOINTLY = 50  # pixels along a radius where many micro-images overlap
 FAR = 0.75  # of the pitch: wider micro-images overlap so far that edges are hardly told apart
 DARK, FEWEST_FAR = 3.3, 24  # pitches from a dark place; micro-images so far from all
 RIM = 0.05  # of the light: where a micro-image ends
-SPARSE = 12  # pixels along a radius that are enough to begin with
-TURNS = (BLOB, 3), (SOFTER + 1, 3), (DISC, 3), (DISC, 3)  # what is fitted in how many steps
+SPARSE = 5  # pixels along a radius that are enough to begin with
+TURNS = (BLOB, 2), (SOFTER + 1, 2), (DISC, 2), (DISC, 2)  # what is fitted in how many steps
 LOOK = 2  # the turn from which on all pixels are looked at, and which shows how light slopes
 
 
@@ -157,9 +157,9 @@ def fitted_near(
         grounded = indexed.ground is None
         profile, values = measured_profile(pixels, values, np.flatnonzero(inner), profile, grounded)
         prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
-        model = Model(profile, neighbours, prior, size, joint)
+        model = Model(profile, neighbours, prior, size)
         before = values
-        values = fit(pixels, values, lit, model, 2 * rounds if joint else rounds)
+        values = fit(pixels, values, lit, model, rounds)
         doubt = spread(pixels, values, every, model)
         if turn == LOOK:
             some = _far_from_dark(values, lit, inner, rough.pitch)
