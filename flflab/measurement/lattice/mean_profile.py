@@ -35,11 +35,13 @@ class Profile:
         radius: at half light, px.
         step: between entries of the table, px.
         table: value, and slope a px, shape (n, 2).
+        pixel: side of the squares over which it is averaged, px.
     """
 
     radius: float
     step: float
     table: Array
+    pixel: int = 1
 
     @property
     def end(self) -> float:

@@ -221,7 +221,7 @@ def profile_table(
     small: float,
     cone: Cone | None = None,
     share: float = 0.0,
-    step: float | None = None,
+    pixel: float = 1.0,
 ) -> ProfileTable:
     """Tabulate the profile of two radii in px with its derivatives.
 
@@ -230,11 +230,13 @@ def profile_table(
         small: of the other, the microlens's, px; above 0.
         cone: how steeply rays land; None where fall-off is not asked for.
         share: of the symmetric fall-off that is counted, 0 to 1.
-        step: distance between entries, px; None: ``table_step``.
+        pixel: side of the squares over which it is averaged, px.
     """
-    step = step or table_step(large, small)
+    large, small = large / pixel, small / pixel
+    step = table_step(large, small)
     by_place, rim = (0.0, 0.0) if cone is None else (cone.by_place, cone.rim)
     values = _tabulate(
-        large, small, by_place, rim, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS
+        large, small, by_place * pixel, rim, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS
     )
-    return ProfileTable(step, values)
+    values[:, [BY_LARGE, BY_SMALL]] /= pixel
+    return ProfileTable(step * pixel, values)

@@ -54,11 +54,13 @@ class Shape:
         share: of natural fall-off that there is.
         dark: variance of pixels without light over what light adds to it in the brightest ones:
             these weights are those of the fit.
+        pixel: side of the squares over which it is averaged, px.
     """
 
     cone: Cone
     share: float
     dark: float
+    pixel: int
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,8 @@ def two_discs(radii: Array, shape: Shape) -> TwoDiscs:
         radii: larger and smaller disc, px, shape (2,).
         shape: what else the light depends on.
     """
-    large, small = np.maximum(radii, SMALLEST_PX).tolist()
-    table = profile_table(large, small, shape.cone, shape.share)
+    large, small = np.maximum(radii, SMALLEST_PX * shape.pixel).tolist()
+    table = profile_table(large, small, shape.cone, shape.share, shape.pixel)
     values, r = table.values / table.values[0, VALUE], _entries(len(table.values), table.step)
     light = values[:, VALUE]
     fall = np.asarray(np.gradient(light, table.step), dtype=np.float64)
@@ -143,7 +145,7 @@ def discs_in(profile: Profile, cone: Cone, dark: float, start: Array) -> SeenDis
     root = _weights(dark, r, light) * (light > SHOWN)
 
     def left(free: Array) -> Array:
-        table = profile_table(free[0], free[1], cone, free[3])
+        table = profile_table(free[0], free[1], cone, free[3], profile.pixel)
         place = _entries(len(table.values), table.step)
         there = np.interp(r, place, table.values[:, VALUE], right=0.0)
         return root * (free[2] * there - light)

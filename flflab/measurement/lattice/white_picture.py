@@ -1,14 +1,14 @@
 """A white picture measured blind: every micro-image by itself, and the lattice through them."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
-from flflab.measurement.lattice.find import RoughLattice, find_lattice
+from flflab.measurement.lattice.find import RoughLattice, averaged, find_lattice
 from flflab.measurement.lattice.grid import Grid, grid_through
 from flflab.measurement.lattice.index import FEWEST, Indexed, index_lattice, looks_right
 from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, SOFTER, WIDER, X, Y
@@ -47,7 +47,7 @@ Flags = npt.NDArray[np.bool_]
 
 START_MISFIT = 0.03  # share of the light by which pixels may depart from the first profile
 LEAST_MISFIT = 2e-3  # the same of the last one
-JOINTLY = 50  # pixels along a radius where many micro-images overlap
+CLOSE = 18  # pixels along a radius that are enough where its rim is wide
 FAR = 0.75  # of the pitch: wider micro-images overlap so far that edges are hardly told apart
 DARK, FEWEST_FAR = 3.3, 24  # pitches from a dark place; micro-images so far from all
 RIM = 0.05  # of the light: where a micro-image ends
@@ -141,6 +141,15 @@ def fitted_near(
     Raises:
         MeasurementError: fewer than six of them are whole.
     """
+    # means over squares of pixels tell as much where rims are wide
+    factor = max(1, int(min(rough.softness, rough.radius / CLOSE)))
+    if factor == 1:
+        return _fitted(picture, noise, rough)
+    means = averaged(np.where(picture < noise.saturated_dn, picture, np.inf), factor)
+    return enlarged(_fitted(means, noise.of_mean(factor**2), rough.seen_in_means(factor)), factor)
+
+
+def _fitted(picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLattice) -> Fitted:
     pixels = Pixels(picture, noise, START_MISFIT, max(1, int(rough.radius / SPARSE)))
     indexed = index_lattice(pixels, rough)
     profile, joint, shape = indexed.profile, indexed.joint, picture.shape
@@ -152,8 +161,7 @@ def fitted_near(
         inner = found & inside(values, shape, _border(values, found, shape, profile, rough.pitch))
         require_enough(inner)
         if turn == LOOK:
-            closest = max(1, round(profile.radius / JOINTLY)) if joint else 1
-            pixels = finer(pixels, pixels.misfit, closest)
+            pixels = finer(pixels, pixels.misfit, 1)
         grounded = indexed.ground is None
         profile, values = measured_profile(pixels, values, np.flatnonzero(inner), profile, grounded)
         prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
@@ -171,6 +179,31 @@ def fitted_near(
         pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
     assert doubt is not None  # noqa: S101 - there are turns
     return Fitted(indices, values, found, profile, doubt, slopes, joint, misfit)
+
+
+def enlarged(fitted: Fitted, factor: int) -> Fitted:
+    """What was fitted to means over squares of pixels, in pixels of the picture itself."""
+    values, profile, doubt = fitted.values.copy(), fitted.profile, fitted.spread
+    values[:, [X, Y, WIDER]] *= factor
+    values[:, [X, Y]] += (factor - 1) / 2
+    by = np.ones(values.shape[1])
+    by[[X, Y, WIDER]] = factor
+    return replace(
+        fitted,
+        values=values,
+        profile=Profile(
+            profile.radius * factor,
+            profile.step * factor,
+            profile.table / [1.0, factor],
+            factor,
+        ),
+        spread=replace(
+            doubt,
+            covariance=doubt.covariance * np.outer(by, by),
+            posterior=doubt.posterior * by[: doubt.posterior.shape[1]] ** 2,
+            by_slope=doubt.by_slope * factor,
+        ),
+    )
 
 
 def _far_from_dark(values: Array, lit: Whole, inner: Flags, pitch: float) -> Flags:

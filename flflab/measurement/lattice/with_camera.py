@@ -98,7 +98,7 @@ def white_behind(camera: Camera, picture: npt.NDArray[Any], noise: SensorNoise) 
     kind = kind_of_each(camera, white.values[:, :2])
     cone, dark = cone_of(camera), _dark(white, noise)
     seen = discs_in(white.profile, cone, dark, _nominal_discs(camera))
-    shape = Shape(cone, seen.share, dark)
+    shape = Shape(cone, seen.share, dark, white.profile.pixel)
     discs = two_discs(seen.radii, shape)
     if fitted.slopes.doubt >= SLOPE_OF_BLOB:  # a blob's slope is hardly told from a shift
         likely = seen.share * expected_slopes(white.values[:, :2], discs, cone.tilting)
