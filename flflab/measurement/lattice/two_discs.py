@@ -10,8 +10,7 @@ from scipy.optimize import least_squares
 
 from flflab.measurement.lattice.mean_profile import KNOTS_PX, Profile
 from flflab.measurement.lattice.profile import (
-    BY_LARGE,
-    BY_SMALL,
+    FALLOFF,
     LOPSIDED,
     SMALLEST_PX,
     VALUE,
@@ -22,6 +21,7 @@ from flflab.measurement.lattice.profile import (
 Array = npt.NDArray[np.float64]
 
 LIKELY_SHARE, LOOSE_SHARE = 0.5, 0.5  # of natural fall-off: mean and spread of what is expected
+NUDGE = 0.01  # px by which a radius is moved for what it does to the light
 SHOWN = 0.02  # of the light: what a rough profile shows of its end
 
 
@@ -93,31 +93,39 @@ def two_discs(radii: Array, shape: Shape) -> TwoDiscs:
         radii: larger and smaller disc, px, shape (2,).
         shape: what else the light depends on.
     """
-    large, small = np.maximum(radii, SMALLEST_PX * shape.pixel).tolist()
-    table = profile_table(large, small, shape.cone, shape.share, shape.pixel)
-    values, r = table.values / table.values[0, VALUE], _entries(len(table.values), table.step)
-    light = values[:, VALUE]
-    fall = np.asarray(np.gradient(light, table.step), dtype=np.float64)
-    radius = _half(light) * table.step
+    radii = np.maximum(radii, SMALLEST_PX * shape.pixel)
+    light, lopsided, step = _light(radii, shape)
+    r = _entries(len(light), step)
+    fall = np.asarray(np.gradient(light, step), dtype=np.float64)
+    radius = _half(light) * step
     weights = _weights(shape.dark, r, light)[:, None]
+    wider = [
+        np.interp(r, _entries(len(there), further), there, right=0.0) - light
+        for there, _, further in (_light(radii + NUDGE * one, shape) for one in np.eye(2))
+    ]
 
-    def fitted(by: list[Array], seen: Array) -> Array:
-        found = np.linalg.lstsq(np.stack(by, axis=1) * weights, seen * weights, rcond=None)[0]
-        return np.asarray(found, dtype=np.float64)
+    def fitted(by: list[Array], seen: list[Array]) -> Array:
+        design, rest = np.stack(by, axis=1) * weights, np.stack(seen, axis=1) * weights
+        return np.asarray(np.linalg.lstsq(design, rest, rcond=None)[0], dtype=np.float64)
 
-    odd = fitted([-fall, r / radius * light], values[:, LOPSIDED, None])
-    even = fitted(
-        [light, np.ones_like(r), -fall, -fall * (r - radius)],
-        values[:, [BY_LARGE, BY_SMALL]],
-    )
-    by_values = np.asarray(np.linalg.inv(even[2:, :2]), dtype=np.float64)
+    odd = fitted([-fall, r / radius * light], [lopsided])
+    even = fitted([light, np.ones_like(r), -fall, -fall * (r - radius)], wider)
     return TwoDiscs(
-        np.array([large, small]),
-        Profile(radius, table.step, np.stack([light, fall], axis=1)),
-        by_values,
+        radii,
+        Profile(radius, step, np.stack([light, fall], axis=1)),
+        np.asarray(np.linalg.inv(even[2:] / NUDGE), dtype=np.float64),
         float(odd[0, 0]),
         float(odd[1, 0]),
     )
+
+
+def _light(radii: Array, shape: Shape) -> tuple[Array, Array, float]:
+    """Light across a micro-image, 1 in its middle, what a unit of slant adds to it along its
+    direction, and the step between both's entries, px.
+    """
+    table = profile_table(float(radii[0]), float(radii[1]), shape.cone, shape.pixel)
+    light = table.values[:, VALUE] + shape.share * table.values[:, FALLOFF]
+    return light / light[0], table.values[:, LOPSIDED] / light[0], table.step
 
 
 def _entries(count: int, step: float) -> Array:
@@ -145,9 +153,9 @@ def discs_in(profile: Profile, cone: Cone, dark: float, start: Array) -> SeenDis
     root = _weights(dark, r, light) * (light > SHOWN)
 
     def left(free: Array) -> Array:
-        table = profile_table(free[0], free[1], cone, free[3], profile.pixel)
-        place = _entries(len(table.values), table.step)
-        there = np.interp(r, place, table.values[:, VALUE], right=0.0)
+        table = profile_table(free[0], free[1], cone, profile.pixel)
+        seen = table.values[:, VALUE] + free[3] * table.values[:, FALLOFF]
+        there = np.interp(r, _entries(len(seen), table.step), seen, right=0.0)
         return root * (free[2] * there - light)
 
     most = 2 * max(profile.end, float(start[0]))
@@ -173,9 +181,8 @@ def seen_beside(base: TwoDiscs, radii: Array, shape: Shape) -> Array:
         radii: of its own discs, px, shape (2,).
         shape: what else the light depends on.
     """
-    own = two_discs(radii, shape).profile
-    r = _entries(len(own.table), own.step)
-    light, radius = own.table[:, 0], base.profile.radius
+    light, _, step = _light(np.maximum(radii, SMALLEST_PX * shape.pixel), shape)
+    r, radius = _entries(len(light), step), base.profile.radius
     place = _entries(len(base.profile.table), base.profile.step)
     root = _weights(shape.dark, r, light)
 
@@ -184,5 +191,5 @@ def seen_beside(base: TwoDiscs, radii: Array, shape: Shape) -> Array:
         there = np.interp(at, place, base.profile.table[:, 0], right=0.0)
         return root * (free[2] * there + free[3] - light)
 
-    begun = np.array([own.radius - radius, 0.0, 1.0, 0.0])
+    begun = np.array([_half(light) * step - radius, 0.0, 1.0, 0.0])
     return np.asarray(least_squares(left, begun, x_scale=[1.0, 0.1, 0.1, 0.1]).x[:2], np.float64)

@@ -133,7 +133,7 @@ def _expected(nominal: Lattice, light: float) -> tuple[Array, Array]:
 
 def _light(values: Array, pixels: _Pixels, nominal: Lattice, cone: Cone) -> Array:
     """Light of the pixels, DN above the offset: the micro-images next to each added up."""
-    table = profile_table(float(values[6]), float(values[7]), cone, 0.0)
+    table = profile_table(float(values[6]), float(values[7]), cone)
     at, share = np.arange(len(table.values)) * table.step, float(values[SHARE])
     even = table.values[:, VALUE] + share * table.values[:, FALLOFF]
     odd = share * table.values[:, LOPSIDED]
