@@ -25,7 +25,6 @@ from flflab.measurement.lattice.micro_images import (
     with_ground,
 )
 from flflab.measurement.lattice.neighbours import neighbours_within
-from flflab.measurement.lattice.phase import displaced
 from flflab.measurement.lattice.pixels import Pixels
 from flflab.measurement.lattice.spread import Spread, spread
 
@@ -34,6 +33,9 @@ Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 FIRST = 4.0  # pitches from the origin: those that give the profile of all
+GROWTH = 1.6  # from ring to ring
+BENT = 40  # micro-images that show how a lattice bends
+BRIGHTEST = 2.0  # of the median light
 FEWEST = 6  # whole micro-images
 ENOUGH = 20  # for a profile of their own
 LEAST_LIGHT = 0.02  # of the brightest ones'
@@ -91,7 +93,8 @@ def smooth_map(indices: Whole, centres: Array, degree: int, scale: float) -> Arr
 
 
 def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
-    """Find every micro-image where the phase of the light tells it.
+    """Find every micro-image from the middle outwards: those of each ring lie where the lattice
+    through all that were found puts them.
 
     Args:
         pixels: of the picture, looked at as sparsely as the rough radius allows.
@@ -100,63 +103,64 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
     Raises:
         MeasurementError: fewer than six whole ones.
     """
-    profile = soft_disc(rough.radius, rough.softness)
+    profile, shape = soft_disc(rough.radius, rough.softness), pixels.picture.shape
     joint = rough.radius + rough.softness / 2 > OVERLAP * rough.pitch / 2
-    indices = _candidates(rough, pixels.picture.shape, profile.end)
-    scale = float(np.abs(indices).max()) + 1.0
-    centres = _expected_places(pixels, rough, indices, scale)
-    values = np.zeros((len(indices), VALUES))
-    values[:, :2] = centres
-
     ground = pixels.noise.offset_dn if joint else None  # nowhere seen by itself
-    below = rough.background if ground is None else ground
+    indices = _candidates(rough, shape, profile.end)
+    away = np.hypot(*(indices @ (rough.vectors / rough.pitch).T).T)
+    values, below = np.zeros((len(indices), VALUES)), rough.background if ground is None else ground
+    values[:, :2] = rough.origin + indices @ rough.vectors.T
     values[:, LIGHT], values[:, GROUND] = rough.light + rough.background - below, below
-    found, shape = np.zeros(len(indices), dtype=np.bool_), pixels.picture.shape
-    there = _shown(centres, shape, 0.0)
-    first = there & (np.hypot(*(indices @ (rough.vectors / rough.pitch).T).T) <= FIRST)
-    local = _local_light(pixels.picture, centres, rough.radius / 2)
-    for now, steps in ((first, ALIGN), (there, STEPS)):
-        if found.any():
-            centres += np.median((values[:, :2] - centres)[found], axis=0)
-            usual = np.median(values[found], axis=0)
-            values[~found, LIGHT:] = usual[LIGHT:]
-            level = (local - usual[GROUND]) / (float(np.median(local[found])) - usual[GROUND])
-            values[~found, LIGHT] *= np.clip(level, LEAST_LIGHT, 2.0)[~found]
-        values[~found, :2] = centres[~found]
+    found, looked = np.zeros(len(indices), dtype=np.bool_), np.zeros(len(indices), dtype=np.bool_)
+    rings = math.ceil(math.log(max(float(away.max()) / FIRST, 1.0)) / math.log(GROWTH)) + 1
+    for reach in FIRST * GROWTH ** np.arange(rings):
+        values[~found] = _likely(pixels, rough, indices, values, found)[~found]
+        fresh = np.flatnonzero(_shown(values[:, :2], shape, 0.0) & (away <= reach) & ~looked)
+        if len(fresh) == 0:
+            continue
         prior = expected(values, profile, rough.pitch)
         prior.spread[:, LIGHT] *= 4
         if ground is not None:
             prior = with_ground(prior, ground)
-        fresh = np.flatnonzero(now)
         model = Model(profile, neighbours_within(values[:, :2], 2 * profile.end), prior, BLOB)
-        values = fit(pixels, values, fresh, model, steps)
-        good = looks_right(values[fresh], spread(pixels, values, fresh, model), profile, rough.pitch)
-        good &= np.hypot(*(values[:, :2] - centres)[fresh].T) < MOVED * rough.pitch
-        found[fresh] |= good
-        members = np.flatnonzero(found & _shown(values[:, :2], shape, -profile.end))
-        if now is first and len(members) >= ENOUGH:
-            profile, values = measured_profile(pixels, values, members, profile, ground is None)
+        fitted = fit(pixels, values, fresh, model, STEPS if looked.any() else ALIGN)
+        doubt = spread(pixels, fitted, fresh, model)
+        near = np.hypot(*(fitted - values)[fresh, :2].T) < MOVED * rough.pitch
+        found[fresh] = near & looks_right(fitted[fresh], doubt, profile, rough.pitch)
+        members = np.flatnonzero(found & _shown(fitted[:, :2], shape, -profile.end))
+        if not looked.any() and len(members) >= ENOUGH:
+            profile, fitted = measured_profile(pixels, fitted, members, profile, ground is None)
+        values, looked[fresh] = fitted, True
     if np.count_nonzero(found) < FEWEST:
         raise MeasurementError(
             "white picture: is it one, of an evenly lit target, well exposed? It shows"
             f" {np.count_nonzero(found)} whole micro-images, {FEWEST} are needed; else show more of"
             " the array"
         )
-    degree = 1 if np.count_nonzero(found) < 24 else 3
-    smooth = smooth_map(indices[found], values[found, :2], degree, scale)
-    values[~found, :2] = (terms(indices.astype(np.float64), degree, scale) @ smooth)[~found]
+    values[~found] = _likely(pixels, rough, indices, values, found)[~found]
     return Indexed(indices, values, found, profile, joint, ground)
 
 
-def _expected_places(pixels: Pixels, rough: RoughLattice, indices: Whole, scale: float) -> Array:
-    """Where the phase of the light puts each lattice point, and a smooth map where it is weak."""
-    aside, strong = displaced(pixels.picture, rough.vectors, rough.origin, indices)
-    straight = rough.origin + indices @ rough.vectors.T
-    strong &= _shown(straight, pixels.picture.shape, 0.0)
-    degree = 0 if np.count_nonzero(strong) < 24 else 1 if np.count_nonzero(strong) < 80 else 3
-    smooth = smooth_map(indices[strong], aside[strong], degree, scale)
-    aside[~strong] = (terms(indices.astype(np.float64), degree, scale) @ smooth)[~strong]
-    return straight + aside
+def _likely(
+    pixels: Pixels, rough: RoughLattice, indices: Whole, values: Array, found: Flags
+) -> Array:
+    """Values where the lattice through those found puts all, as bright as the picture is there."""
+    likely, count = values.copy(), np.count_nonzero(found)
+    if count < FEWEST:
+        return likely
+    degree, scale = 1 if count < BENT else 2, float(np.abs(indices).max()) + 1.0
+    smooth = smooth_map(indices[found], values[found, :2], degree, scale)
+    likely[:, :2] = terms(indices.astype(np.float64), degree, scale) @ smooth
+    usual = np.median(values[found], axis=0)
+    likely[:, LIGHT:] = usual[LIGHT:]
+    # some pixels round each centre, for those beside the picture at its border
+    steps = np.array(list(itertools.product((-0.5, 0.0, 0.5), repeat=2))) * rough.radius
+    at = np.rint(likely[:, None, :2] + steps).astype(np.int64)
+    x, y = np.clip(at, 0, np.array(pixels.picture.shape[::-1]) - 1).transpose(2, 0, 1)
+    local = pixels.picture[y, x].mean(axis=1) - usual[GROUND]
+    level = local / max(float(np.median(local[found])), 1e-9)
+    likely[:, LIGHT] *= np.clip(level, LEAST_LIGHT, BRIGHTEST)
+    return likely
 
 
 def _candidates(rough: RoughLattice, shape: tuple[int, ...], reach: float) -> Whole:
@@ -176,14 +180,6 @@ def _shown(centres: Array, shape: tuple[int, ...], room: float) -> Flags:
     """Which lie on the picture or at most so far beside it."""
     top = np.array([shape[1], shape[0]]) - 0.5
     return np.all((centres > -0.5 - room) & (centres < top + room), axis=1)
-
-
-def _local_light(picture: npt.NDArray[np.float32], centres: Array, reach: float) -> Array:
-    """Mean over some pixels round each centre, those beside the picture taken from its border."""
-    steps = np.array(list(itertools.product((-reach, 0.0, reach), repeat=2)))
-    at = np.rint(centres[:, None] + steps).astype(np.int64)
-    x, y = np.clip(at, 0, np.array(picture.shape[::-1]) - 1).transpose(2, 0, 1)
-    return np.asarray(picture[y, x].mean(axis=1), dtype=np.float64)
 
 
 def looks_right(values: Array, doubt: Spread, profile: Profile, pitch: float) -> Flags:

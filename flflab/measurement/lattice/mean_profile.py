@@ -131,7 +131,7 @@ def measured_profile(
     outer = int(above[-1]) if len(above) else 0
     # what shows again beyond darkness is no light
     faint = np.flatnonzero(table[outer:, 0] < FAINT)
-    lit = min(outer + int(faint[0]) if len(faint) else len(table), len(table)) + int(2 * spacing / step)
+    lit = (outer + int(faint[0]) if len(faint) else len(table)) + int(2 * spacing / step)
     # where neighbours leave room, the ground beyond it is looked at
     room = pitch / 2 - lit * step
     around = int(min(max(room, 0.0), max(AROUND[0] * before.radius, AROUND[1])) / step)

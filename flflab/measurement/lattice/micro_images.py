@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import bsr_array
-from scipy.sparse.linalg import LinearOperator, gmres
+from scipy.sparse.linalg import gmres
 
 from flflab.measurement.lattice.kernel import (
     GROUND,
@@ -28,7 +28,10 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 BLOB, DISC = WIDER + 1, VALUES  # how many values are fitted: a blob's slope is no more than a shift
-CLOSE, MOST_STEPS = 1e-2, 20  # of what a step asks for, that conjugate gradients leave; their number
+CLOSE, MOST_STEPS = (
+    1e-2,
+    20,
+)  # of what a step asks for, that conjugate gradients leave; their number
 WIDEST, SOFTEST = 0.6, 1.2  # of the radius; logarithm of the softness
 LONGEST_SLOPE = 0.05  # by which a slope may change at once
 
@@ -156,9 +159,7 @@ def fit(pixels: Pixels, start: Array, members: Whole, model: Model, rounds: int)
 
 
 def _step(found: Sums, members: Whole, neighbours: Whole) -> Array:
-    """What all members move by together, shape (n, size): conjugate gradients, each by itself
-    being the first guess.
-    """
+    """What all members move by together, shape (n, size); each by itself is the preconditioner."""
     inverse, right = inverses(found.normal), found.right.sum(axis=1) + found.before
     if not found.cross.any():
         return np.einsum("nab,nb->na", inverse, right)
@@ -171,31 +172,10 @@ def _step(found: Sums, members: Whole, neighbours: Whole) -> Array:
     starts = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
     count = right.size
     system = bsr_array((blocks[kept], columns[kept], starts), shape=(count, count))
-    size = right.shape[1]
-    alone = LinearOperator(
-        (count, count),
-        matvec=lambda one: np.einsum("nab,nb->na", inverse, one.reshape(-1, size)).ravel(),
-    )
+    rows = np.arange(len(members) + 1)
+    alone = bsr_array((inverse, rows[:-1], rows), shape=(count, count))
     step, _ = gmres(system, right.ravel(), rtol=CLOSE, restart=MOST_STEPS, maxiter=1, M=alone)
-    return np.asarray(step, dtype=np.float64).reshape(-1, size)
-
-
-def covariances(found: Sums, members: Whole, neighbours: Whole) -> Array:
-    """Inverses with each neighbour free beside it."""
-    alone = inverses(found.normal)
-    place = np.full(max(int(neighbours.max()), int(members.max())) + 1, -1)
-    place[members] = np.arange(len(members))
-    reduced = found.normal.copy()
-    for k in range(neighbours.shape[1]):
-        beside = np.where(neighbours[members, k] >= 0, place[neighbours[members, k]], -1)
-        free = np.flatnonzero(beside >= 0)
-        cross = found.cross[free, k]
-        reduced[free] -= cross @ alone[beside[free]] @ cross.transpose(0, 2, 1)
-    together = inverses(reduced)
-    sure = np.einsum("nkk->nk", together) >= 0.99 * np.einsum("nkk->nk", alone)
-    single = ~(np.isfinite(together).all(axis=(1, 2)) & sure.all(axis=1))
-    together[single] = alone[single]
-    return together
+    return np.asarray(step, dtype=np.float64).reshape(right.shape)
 
 
 def inverses(normal: Array) -> Array:

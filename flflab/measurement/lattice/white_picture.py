@@ -30,7 +30,6 @@ from flflab.measurement.lattice.pixels import Pixels, finer
 from flflab.measurement.lattice.slopes import (
     BEHIND,
     BESIDE,
-    SLOPE_OF_BLOB,
     Slopes,
     asides,
     course_of_slopes,
@@ -49,7 +48,6 @@ START_MISFIT = 0.03  # share of the light by which pixels may depart from the fi
 LEAST_MISFIT = 2e-3  # the same of the last one
 CLOSE = 18  # pixels along a radius that are enough where its rim is wide
 FAR = 0.75  # of the pitch: wider micro-images overlap so far that edges are hardly told apart
-DARK, FEWEST_FAR = 3.3, 24  # pitches from a dark place; micro-images so far from all
 RIM = 0.05  # of the light: where a micro-image ends
 SPARSE = 5  # pixels along a radius that are enough to begin with
 TURNS = (BLOB, 2), (SOFTER + 1, 2), (DISC, 2), (DISC, 2)  # what is fitted in how many steps
@@ -166,14 +164,10 @@ def _fitted(picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLa
         profile, values = measured_profile(pixels, values, np.flatnonzero(inner), profile, grounded)
         prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
         model = Model(profile, neighbours, prior, size)
-        before = values
         values = fit(pixels, values, lit, model, rounds)
         doubt = spread(pixels, values, every, model)
         if turn == LOOK:
-            some = _far_from_dark(values, lit, inner, rough.pitch)
-            slopes = course_of_slopes(indices, values, doubt, some, slopes, profile.radius)
-            if slopes.doubt >= SLOPE_OF_BLOB:  # places are not told from slopes that are free
-                values[:, [X, Y]] = before[:, [X, Y]]
+            slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
             values[:, SLOPE_X:] = slopes.mean
         misfit = float(np.median(doubt.misfit[inner]))
         pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
@@ -204,17 +198,6 @@ def enlarged(fitted: Fitted, factor: int) -> Fitted:
             by_slope=doubt.by_slope * factor,
         ),
     )
-
-
-def _far_from_dark(values: Array, lit: Whole, inner: Flags, pitch: float) -> Flags:
-    """Those of some micro-images that have no dark place near, towards which halos fall off and
-    look like slopes; all where these are few.
-    """
-    dark = np.delete(values[:, :2], lit, axis=0)
-    if len(dark) == 0:
-        return inner
-    far = inner & (KDTree(dark).query(values[:, :2])[0] > DARK * pitch)
-    return far if np.count_nonzero(far) >= FEWEST_FAR else inner
 
 
 def _border(
