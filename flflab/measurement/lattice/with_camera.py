@@ -109,7 +109,7 @@ def white_behind(camera: Camera, picture: npt.NDArray[Any], noise: SensorNoise) 
 
 
 def _rough(camera: Camera, picture: npt.NDArray[np.float32]) -> RoughLattice:
-    """The lattice found blind, or where too little of it is seen for that near the described one."""
+    """The lattice found blind, or near the described one where too little is seen for that."""
     try:
         return find_lattice(picture)
     except MeasurementError:
