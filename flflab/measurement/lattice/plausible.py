@@ -9,8 +9,8 @@ from flflab.measurement.lattice.white_picture import WhitePicture
 MOST_SATURATED = 0.25  # of the pixels: no plateau is left
 MOST_SCATTER = 0.03  # of the pitch, by which micro-images may stand off
 MOST_OFF = 0.25  # of them, far off
-# ratio of the stretches that make an exact lattice of it, and of the light what spots do not explain
-STRETCHED, UNLIKE = 1.1, 0.05
+STRETCHED = 1.1  # times: no array's lattice, where spots explain the light badly too
+UNLIKE = 0.05  # of the light, that they leave
 
 
 def require_white(white: WhitePicture, saturated: float) -> None:

@@ -1,42 +1,32 @@
 """A white picture measured blind: every micro-image by itself, and the lattice through them."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
-from flflab.measurement.lattice.find import RoughLattice, averaged, find_lattice
+from flflab.measurement.lattice.find import RoughLattice, find_lattice
+from flflab.measurement.lattice.fitted import (
+    Fitted,
+    border_of,
+    fitted_near,
+    inside,
+    require_enough,
+)
 from flflab.measurement.lattice.grid import Grid, grid_through
-from flflab.measurement.lattice.index import FEWEST, Indexed, index_lattice, looks_right
-from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, SOFTER, WIDER, X, Y
-from flflab.measurement.lattice.mean_profile import (
-    Profile,
-    measured_profile,
-)
-from flflab.measurement.lattice.micro_images import (
-    BLOB,
-    DISC,
-    Expected,
-    Model,
-    expected,
-    fit,
-    with_ground,
-)
-from flflab.measurement.lattice.neighbours import neighbours_within
-from flflab.measurement.lattice.pixels import Pixels, finer
+from flflab.measurement.lattice.index import looks_right
+from flflab.measurement.lattice.kernel import X, Y
+from flflab.measurement.lattice.mean_profile import Profile
 from flflab.measurement.lattice.slopes import (
     BEHIND,
     BESIDE,
     Slopes,
     asides,
-    course_of_slopes,
     definition_of_centres,
-    unknown_slopes,
 )
-from flflab.measurement.lattice.spread import Spread, spread
+from flflab.measurement.lattice.spread import Spread
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Layout
 
@@ -44,14 +34,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-START_MISFIT = 0.03  # share of the light by which pixels may depart from the first profile
-LEAST_MISFIT = 2e-3  # the same of the last one
-CLOSE = 18  # pixels along a radius that are enough where its rim is wide
-FAR = 0.75  # of the pitch: wider micro-images overlap so far that edges are hardly told apart
 RIM = 0.05  # of the light: where a micro-image ends
-SPARSE = 5  # pixels along a radius that are enough to begin with
-TURNS = (BLOB, 2), (SOFTER + 1, 2), (DISC, 2), (DISC, 2)  # what is fitted in how many steps
-LOOK = 2  # the turn from which on all pixels are looked at, and which shows how light slopes
 
 
 @dataclass(frozen=True)
@@ -86,31 +69,6 @@ class WhitePicture:
     misfit: float
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """Micro-images fitted one by one, before a lattice is laid through them.
-
-    Attributes:
-        indices: of each, shape (n, 2).
-        values: as ``kernel`` names them, shape (n, VALUES).
-        found: which were seen.
-        profile: the light across them.
-        spread: how sure the values are.
-        slopes: of their light.
-        joint: whether neighbours were fitted together.
-        misfit: rms of what is left of the light, as a share of it.
-    """
-
-    indices: Whole
-    values: Array
-    found: Flags
-    profile: Profile
-    spread: Spread
-    slopes: Slopes
-    joint: bool
-    misfit: float
-
-
 def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> WhitePicture:
     """Measure every micro-image of a white picture, of which nothing but the noise is known.
 
@@ -126,90 +84,6 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
     return with_grid(rough, fitted_near(picture, noise, rough), picture.shape)
 
 
-def fitted_near(
-    picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLattice
-) -> Fitted:
-    """Every micro-image by itself, beside the profile that all show.
-
-    Args:
-        picture: DN, [row, col].
-        noise: of the sensor.
-        rough: where they are, roughly.
-
-    Raises:
-        MeasurementError: fewer than six of them are whole.
-    """
-    # means over squares of pixels tell as much where rims are wide
-    factor = max(1, int(min(rough.softness, rough.radius / CLOSE)))
-    if factor == 1:
-        return _fitted(picture, noise, rough)
-    means = averaged(np.where(picture < noise.saturated_dn, picture, np.inf), factor)
-    return enlarged(_fitted(means, noise.of_mean(factor**2), rough.seen_in_means(factor)), factor)
-
-
-def _fitted(picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLattice) -> Fitted:
-    pixels = Pixels(picture, noise, START_MISFIT, max(1, int(rough.radius / SPARSE)))
-    indexed = index_lattice(pixels, rough)
-    profile, joint, shape = indexed.profile, indexed.joint, picture.shape
-    indices, values, found, lit = _begun(indexed, shape, profile.end)
-    every = np.arange(len(values))
-    neighbours = neighbours_within(values[:, :2], 2 * profile.end)
-    slopes, misfit, doubt = unknown_slopes(len(values)), START_MISFIT, None
-    for turn, (size, rounds) in enumerate(TURNS):
-        inner = found & inside(values, shape, _border(values, found, shape, profile, rough.pitch))
-        require_enough(inner)
-        if turn == LOOK:
-            pixels = finer(pixels, pixels.misfit, 1)
-        grounded = indexed.ground is None
-        profile, values = measured_profile(pixels, values, np.flatnonzero(inner), profile, grounded)
-        prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
-        model = Model(profile, neighbours, prior, size)
-        values = fit(pixels, values, lit, model, rounds)
-        doubt = spread(pixels, values, every, model)
-        if turn == LOOK:
-            slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
-            values[:, SLOPE_X:] = slopes.mean
-        misfit = float(np.median(doubt.misfit[inner]))
-        pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
-    assert doubt is not None  # noqa: S101 - there are turns
-    return Fitted(indices, values, found, profile, doubt, slopes, joint, misfit)
-
-
-def enlarged(fitted: Fitted, factor: int) -> Fitted:
-    """What was fitted to means over squares of pixels, in pixels of the picture itself."""
-    values, profile, doubt = fitted.values.copy(), fitted.profile, fitted.spread
-    values[:, [X, Y, WIDER]] *= factor
-    values[:, [X, Y]] += (factor - 1) / 2
-    by = np.ones(values.shape[1])
-    by[[X, Y, WIDER]] = factor
-    return replace(
-        fitted,
-        values=values,
-        profile=Profile(
-            profile.radius * factor,
-            profile.step * factor,
-            profile.table / [1.0, factor],
-            factor,
-        ),
-        spread=replace(
-            doubt,
-            covariance=doubt.covariance * np.outer(by, by),
-            posterior=doubt.posterior * by[: doubt.posterior.shape[1]] ** 2,
-            by_slope=doubt.by_slope * factor,
-        ),
-    )
-
-
-def _border(
-    values: Array, found: Flags, shape: tuple[int, ...], profile: Profile, pitch: float
-) -> float:
-    """How far from the border centres must lie to count, px: where few micro-images are whole,
-    those whose centre is on the picture tell the lattice too, unless they overlap far.
-    """
-    enough = np.count_nonzero(found & inside(values, shape, profile.end)) >= FEWEST
-    return profile.end if enough or profile.end > FAR * pitch else 0.0
-
-
 def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> WhitePicture:
     """The measured white picture: which micro-images are whole, and the lattice through them.
 
@@ -222,7 +96,7 @@ def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> Wh
         MeasurementError: fewer than six of them are whole.
     """
     indices, values, profile, doubt = fitted.indices, fitted.values, fitted.profile, fitted.spread
-    border = _border(values, fitted.found, shape, profile, rough.pitch)
+    border = border_of(values, fitted.found, shape, profile, rough.pitch)
     there = inside(values, shape, min(border, profile.reaches(RIM) + 0.5))
     found = fitted.found & looks_right(values, doubt, profile, rough.pitch)
     whole = found & there
@@ -272,16 +146,6 @@ def require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
         )
 
 
-def require_enough(whole: Flags) -> None:
-    """Refuse fewer than six whole micro-images."""
-    if np.count_nonzero(whole) < FEWEST:
-        raise MeasurementError(
-            "white picture: is it one, of an evenly lit target? It shows"
-            f" {np.count_nonzero(whole)} whole micro-images, {FEWEST} are needed; else show more of"
-            " the array"
-        )
-
-
 def _beside(indices: Whole, missing: Flags, layout: Layout) -> Flags:
     """Which have one of some others as their neighbour."""
     steps = [(1, 0), (0, 1)] + ([(1, -1)] if layout == "hexagonal" else [])
@@ -299,51 +163,3 @@ def _light_between(rough: RoughLattice, profile: Profile) -> float:
     """Share of a micro-image's light in the middle between it and its neighbours."""
     middle = rough.pitch / math.sqrt(2 if rough.layout == "square" else 3)
     return float(profile.table[min(int(middle / profile.step), len(profile.table) - 1), 0])
-
-
-def _begun(
-    indexed: Indexed, shape: tuple[int, ...], reach: float
-) -> tuple[Whole, Array, Flags, Whole]:
-    """Micro-images that reach the picture, to begin with.
-
-    Of those not seen, what the border hides is as bright as the nearest that were; on the picture
-    itself they have no light, else they would take that of their neighbours' halo.
-
-    Args:
-        indexed: micro-images with their indices.
-        shape: of the picture, (rows, columns).
-        reach: how far a micro-image reaches, px.
-
-    Returns:
-        Indices, values, which were seen, and the positions of those that may have light.
-    """
-    kept = _touching(indexed.values, shape, reach)
-    values, found = indexed.values[kept], indexed.found[kept]
-    _, nearest = KDTree(values[found, :2]).query(values[~found, :2])
-    for one in (LIGHT, GROUND, WIDER):
-        values[~found, one] = values[found][nearest, one]
-    unlit = ~found & inside(values, shape, 0.0)
-    values[unlit, LIGHT] = 0.0
-    return indexed.indices[kept], values, found, np.flatnonzero(~unlit)
-
-
-def _touching(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
-    """Which micro-images reach the picture."""
-    top = np.array([shape[1], shape[0]]) - 0.5
-    off = values[:, :2] - np.clip(values[:, :2], -0.5, top)
-    return np.hypot(*off.T) < reach
-
-
-def inside(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
-    """Which lie wholly on it."""
-    top = np.array([shape[1], shape[0]]) - 0.5
-    return np.all((values[:, :2] > reach - 0.5) & (values[:, :2] < top - reach), axis=1)
-
-
-def _expected(
-    values: Array, profile: Profile, pitch: float, ground: float | None, slopes: Slopes
-) -> Expected:
-    prior = expected(values, profile, pitch)
-    prior.mean[:, SLOPE_X:] = slopes.mean
-    prior.spread[:, SLOPE_X:] = slopes.apart
-    return prior if ground is None else with_ground(prior, ground)

@@ -13,6 +13,7 @@ from flflab.errors import MeasurementError
 from flflab.measurement.lattice.chief_lattice import lattice_of
 from flflab.measurement.lattice.chief_rays import FallOff, expected_slopes, fall_off
 from flflab.measurement.lattice.find import RoughLattice, find_lattice, lattice_near
+from flflab.measurement.lattice.fitted import LEAST_MISFIT, Fitted, fitted_near
 from flflab.measurement.lattice.kernel import LIGHT, SLOPE_X, SOFTER, WIDER, X, Y
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.nominal import (
@@ -27,10 +28,7 @@ from flflab.measurement.lattice.slopes import SLOPE_OF_BLOB
 from flflab.measurement.lattice.tilted import Images
 from flflab.measurement.lattice.two_discs import Shape, TwoDiscs, discs_in, seen_beside, two_discs
 from flflab.measurement.lattice.white_picture import (
-    LEAST_MISFIT,
-    Fitted,
     WhitePicture,
-    fitted_near,
     require_contrast,
     with_grid,
 )
