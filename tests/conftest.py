@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -186,16 +185,6 @@ def random_scene() -> Callable[..., Any]:
 def root() -> Path:
     """The project's folder."""
     return ROOT
-
-
-@pytest.fixture(scope="session")
-def white_pictures() -> ModuleType:
-    """The generator of white pictures with their truth, which shares no code with the package:
-    what ``tests/measurement/white_pictures/exports.py`` names.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "path", [str(ROOT / "tests" / "measurement"), *sys.path])
-        return importlib.import_module("white_pictures.exports")
 
 
 @pytest.fixture

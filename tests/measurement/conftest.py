@@ -1,56 +1,21 @@
-"""Pictures made here by brute force: textbook disc overlap at 5 x 5 points of every pixel, sharing
-no code with the package.
-"""
+"""Pictures made here by brute force, sharing no code with the package."""
 
 import math
+from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 import pytest
+from white_pictures.drawing import draw_light
+from white_pictures.kernel import LENS, add_micro_images
+from white_pictures.profiles import OverlappingDiscs, tabulate
+from white_pictures.spec import WhiteSpec
 
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
+from flflab.optics.camera import Camera, Layout, MainLens, MicrolensArray, Sensor, Useful
 
 Array = npt.NDArray[np.float64]
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
-
-
-@numba.njit(cache=True)
-def _overlap(d: float, a: float, b: float) -> float:
-    if d >= a + b:
-        return 0.0
-    if d <= abs(a - b):
-        return min(a, b) ** 2 / b**2
-    alpha = math.acos((d * d + a * a - b * b) / (2 * d * a))
-    beta = math.acos((d * d + b * b - a * a) / (2 * d * b))
-    area = a * a * (alpha - math.sin(2 * alpha) / 2) + b * b * (beta - math.sin(2 * beta) / 2)
-    return area / (math.pi * b * b)
-
-
-@numba.njit(cache=True)
-def _white(
-    shape: tuple[int, int], centres: Array, a: float, b: float, nodes: Array, weights: Array
-) -> Array:
-    picture = np.zeros(shape)
-    reach = a + b + 1
-    for n in range(len(centres)):
-        cx, cy = centres[n]
-        for row in range(
-            max(0, math.ceil(cy - reach)), min(shape[0] - 1, math.floor(cy + reach)) + 1
-        ):
-            for column in range(
-                max(0, math.ceil(cx - reach)), min(shape[1] - 1, math.floor(cx + reach)) + 1
-            ):
-                r = math.hypot(column - cx, row - cy)
-                if r < abs(a - b) - 1:
-                    picture[row, column] += min(a, b) ** 2 / b**2
-                    continue
-                for k in range(len(nodes)):
-                    for m in range(len(nodes)):
-                        d = math.hypot(column + nodes[k] / 2 - cx, row + nodes[m] / 2 - cy)
-                        picture[row, column] += weights[k] * weights[m] / 4 * _overlap(d, a, b)
-    return picture
 
 
 class Brute:
@@ -65,25 +30,9 @@ class Brute:
         )
 
     @staticmethod
-    def lattice_points(
-        shape: tuple[int, int], vectors: Array, origin: tuple[float, float], reach: float
-    ) -> Array:
-        """Every lattice point of which a disc of radius ``reach`` touches the picture's bounding
-        box.
-        """
-        n = np.arange(-400, 401)
-        i, j = (grid.ravel() for grid in np.meshgrid(n, n))
-        points = np.asarray(origin) + np.stack([i, j], 1) @ vectors.T
-        near = np.all(
-            (points > -0.5 - reach) & (points < np.array([shape[1], shape[0]]) - 0.5 + reach),
-            axis=1,
-        )
-        return points[near]
-
-    @staticmethod
     def white_picture(
         shape: tuple[int, int],
-        layout: str,
+        layout: Layout,
         pitch: float,
         angle: float,
         origin: tuple[float, float],
@@ -91,13 +40,25 @@ class Brute:
         b: float,
     ) -> Array:
         """White picture, 1 at the middle of a micro-image; a, b: radii of the two discs, px."""
-        centres = Brute.lattice_points(shape, Brute.vectors_of(layout, pitch, angle), origin, a + b)
-        return _white(shape, centres, a, b, _NODES, _WEIGHTS)
+        along: Any = "square" if layout == "square" else "hexagonal along x"
+        aside = origin[0] - (shape[1] - 1) / 2, origin[1] - (shape[0] - 1) / 2
+        spec = WhiteSpec(
+            shape, along, pitch, math.degrees(angle), aside, profile=OverlappingDiscs(a, b)
+        )
+        light, _ = draw_light(spec, np.random.default_rng(0))
+        return light * min(a / b, 1.0) ** 2
 
     @staticmethod
     def micro_image(shape: tuple[int, int], centre: Array, a: float, b: float) -> Array:
         """One micro-image of a white picture."""
-        return _white(shape, np.array([centre], dtype=np.float64), a, b, _NODES, _WEIGHTS)
+        picture, lens = np.zeros(shape), np.zeros(1, LENS)
+        for name, value in zip("xy", centre, strict=True):
+            lens[name] = value
+        for name in ("light", "xx", "yy", "longest"):
+            lens[name] = 1.0
+        lens["across"] = lens["down"] = a + b + 1
+        add_micro_images(picture, lens, tabulate(OverlappingDiscs(a, b)))
+        return picture * min(a / b, 1.0) ** 2
 
     @staticmethod
     def camera(

@@ -7,6 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+from white_pictures.drawing import draw_white
+from white_pictures.matching import compare_lattice, match
+from white_pictures.named import NAMED
+from white_pictures.not_whites import NOT_WHITES
+from white_pictures.profiles import OverlappingDiscs
+from white_pictures.random_specs import random_spec
+from white_pictures.spec import WhiteSpec
 
 from flflab.cli.app import app
 from flflab.errors import MeasurementError
@@ -28,17 +35,15 @@ LATE = ("seaurchin-like", "R12-like", "corners at 5 %", "pitch of 480 px")
 BY_HAND = ("antleg-like", "worked example F/4")  # others like them are measured every day
 
 
-def drawn(pictures: Any, spec: Any, seed: int) -> tuple[MeasuredWhite, Any, Any, Any]:
+def drawn(spec: WhiteSpec, seed: int) -> tuple[MeasuredWhite, Any, Any, Any]:
     """A drawn picture measured, its truth, and both compared."""
-    picture, truth = pictures.draw_white(spec, np.random.default_rng(seed))
+    picture, truth = draw_white(spec, np.random.default_rng(seed))
     found = measure_blind(picture)
     white = found.white
-    matched = pictures.match(truth, white.values[white.whole, :2], white.indices[white.whole])
+    matched = match(truth, white.values[white.whole, :2], white.indices[white.whole])
     grid = white.grid
     pitch, angle = pitch_and_angle(grid.layout, grid.vectors_px)
-    errors = pictures.compare_lattice(
-        truth.lattice, grid.origin_px, pitch, math.degrees(angle), grid.vectors_px
-    )
+    errors = compare_lattice(truth.lattice, grid.origin_px, pitch, math.degrees(angle))
     return found, truth, matched, errors
 
 
@@ -65,9 +70,9 @@ def stated(found: MeasuredWhite) -> np.ndarray:
     ],
 )
 def test_every_whole_micro_image_is_indexed_and_found_where_it_was_drawn(
-    white_pictures: Any, name: str
+    name: str,
 ) -> None:
-    found, truth, matched, errors = drawn(white_pictures, white_pictures.NAMED[name], 1)
+    found, truth, matched, errors = drawn(NAMED[name], 1)
     assert matched.index_is_right
     assert len(matched.overlooked) <= 0.01 * np.count_nonzero(truth.whole)
     assert abs(errors.pitch) < 1e-3 * truth.lattice.pitch
@@ -83,13 +88,13 @@ def test_every_whole_micro_image_is_indexed_and_found_where_it_was_drawn(
     ],
 )
 def test_stated_intervals_hold_what_they_say_for_random_pictures(
-    white_pictures: Any, pictures: int, least: float
+    pictures: int, least: float
 ) -> None:
     lattices, centres, ratios = list[np.ndarray](), list[float](), list[float]()
     for seed in range(pictures):
-        spec = white_pictures.random_spec(np.random.default_rng(1000 + seed))
+        spec = random_spec(np.random.default_rng(1000 + seed))
         try:
-            found, _, matched, errors = drawn(white_pictures, spec, seed)
+            found, _, matched, errors = drawn(spec, seed)
         except MeasurementError:
             continue
         if not matched.whole.any():
@@ -107,35 +112,36 @@ def test_stated_intervals_hold_what_they_say_for_random_pictures(
     "name",
     [
         pytest.param("clouds", marks=pytest.mark.full),
-        *("leaves", "noise", "flat", "constant", "dark", "bars"),
+        *("leaves", "noise", "flat", "constant", "dark", "bars", "saturated_white"),
     ],
 )
-def test_what_is_no_white_picture_is_refused(white_pictures: Any, name: str) -> None:
-    picture = white_pictures.NOT_WHITES[name]((500, 600), np.random.default_rng(1))
+def test_what_is_no_white_picture_is_refused(name: str) -> None:
+    picture = NOT_WHITES[name]((500, 600), np.random.default_rng(1))
     with pytest.raises(MeasurementError, match="white picture: "):
         measure_blind(picture)
-
-
-def test_spots_of_another_shape_are_remarked(white_pictures: Any) -> None:
-    picture = white_pictures.NOT_WHITES["checkerboard"]((500, 600), np.random.default_rng(1))
-    assert "misfit" in [remark.code for remark in measure_blind(picture).remarks]
 
 
 def codes(picture: np.ndarray) -> list[str]:
     return [remark.code for remark in measure_blind(picture).remarks]
 
 
-def test_an_even_picture_of_an_exact_array_is_not_remarked_on(white_pictures: Any) -> None:
-    spec = white_pictures.WhiteSpec(shape=(500, 600), pitch=40.0)
-    picture, _ = white_pictures.draw_white(spec, np.random.default_rng(3))
+@pytest.mark.parametrize("name", ["checkerboard", "scene_through_the_camera"])
+def test_spots_of_another_shape_and_a_scene_are_remarked(name: str) -> None:
+    picture = NOT_WHITES[name]((500, 600), np.random.default_rng(1))
+    assert "misfit" in codes(picture)
+
+
+def test_an_even_picture_of_an_exact_array_is_not_remarked_on() -> None:
+    spec = WhiteSpec(shape=(500, 600), pitch=40.0)
+    picture, _ = draw_white(spec, np.random.default_rng(3))
     assert codes(picture) == ["noise-estimated"]
 
 
 @pytest.mark.ci
-def test_saturated_warm_and_striped_sensors_are_remarked(white_pictures: Any) -> None:
+def test_saturated_warm_and_striped_sensors_are_remarked() -> None:
     rng = np.random.default_rng(3)
-    spec = white_pictures.WhiteSpec(shape=(500, 600), pitch=40.0)
-    picture, _ = white_pictures.draw_white(spec, rng)
+    spec = WhiteSpec(shape=(500, 600), pitch=40.0)
+    picture, _ = draw_white(spec, rng)
     numbers = picture.astype(np.float64)
     light = float(np.quantile(numbers, 0.95))
     striped = numbers + rng.normal(0, 0.01 * light, 600)[None, :]
@@ -150,17 +156,15 @@ def test_saturated_warm_and_striped_sensors_are_remarked(white_pictures: Any) ->
 @pytest.mark.parametrize(
     "pictures", [pytest.param(3, marks=pytest.mark.ci), pytest.param(30, marks=pytest.mark.full)]
 )
-def test_three_kinds_are_told_apart_and_none_is_invented(
-    white_pictures: Any, pictures: int
-) -> None:
-    found = drawn(white_pictures, white_pictures.NAMED["R12-like"], 2)[0]
+def test_three_kinds_are_told_apart_and_none_is_invented(pictures: int) -> None:
+    found = drawn(NAMED["R12-like"], 2)[0]
     assert found.types.count == 3
     for seed in range(pictures):
         layout = ("square", "hexagonal along x")[seed % 2]
-        spec = white_pictures.WhiteSpec(
+        spec = WhiteSpec(
             shape=(400, 500), pitch=24.0, layout=layout, scatter=0.03, brightness=0.015
         )
-        assert drawn(white_pictures, spec, seed)[0].types.count == 1
+        assert drawn(spec, seed)[0].types.count == 1
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real white pictures lie elsewhere")
@@ -180,11 +184,9 @@ def test_real_white_pictures_have_the_pitch_that_others_found(
     assert lattice["layout"] == "square"
 
 
-def test_the_command_measures_a_white_picture_without_a_camera_file(
-    white_pictures: Any, tmp_path: Path
-) -> None:
-    spec = white_pictures.WhiteSpec(shape=(500, 600), pitch=40.0, angle=1.0)
-    picture, _ = white_pictures.draw_white(spec, np.random.default_rng(3))
+def test_the_command_measures_a_white_picture_without_a_camera_file(tmp_path: Path) -> None:
+    spec = WhiteSpec(shape=(500, 600), pitch=40.0, angle=1.0)
+    picture, _ = draw_white(spec, np.random.default_rng(3))
     np.save(tmp_path / "white.npy", picture)
     overlay = tmp_path / "seen.png"
     said = CliRunner().invoke(
@@ -200,3 +202,27 @@ def test_a_picture_of_dots_without_a_camera_file_is_a_usage_error(tmp_path: Path
     np.save(tmp_path / "dots.npy", np.zeros((100, 100), dtype=np.uint16))
     said = CliRunner().invoke(app, ["measure", str(tmp_path / "dots.npy"), "--target", "four-dot"])
     assert said.exit_code == 2
+
+
+def test_a_bent_lattice_is_not_followed_into_a_dark_frame() -> None:
+    spec = WhiteSpec(shape=(420, 300), pitch=26.0, angle=23.0, slope=0.1, bend=0.3)
+    picture, truth = draw_white(spec, np.random.default_rng(5))
+    found = measure_blind(np.pad(picture, 200, constant_values=500))
+    figures = figures_of(found.white, found.picture.shape)
+    sure = math.hypot(figures.own[0], figures.common[0])
+    assert abs(figures.values[0] - truth.lattice.pitch) < min(3 * sure, 1e-3 * 26.0)
+
+
+def test_touching_micro_images_in_a_dark_frame_are_the_bright_ones() -> None:
+    spec = WhiteSpec(
+        shape=(300, 360),
+        layout="hexagonal along x",
+        pitch=13.0,
+        angle=12.0,
+        profile=OverlappingDiscs(6.8, 2.3),
+    )
+    picture, truth = draw_white(spec, np.random.default_rng(5))
+    framed = np.pad(picture, ((150, 150), (180, 180)), constant_values=500)
+    grid = measure_blind(framed).white.grid
+    pitch, _ = pitch_and_angle(grid.layout, grid.vectors_px)
+    assert pitch == pytest.approx(truth.lattice.pitch, rel=3e-4)

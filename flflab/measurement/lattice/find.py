@@ -11,20 +11,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter
-from scipy.optimize import least_squares
-from scipy.special import expit
+import scipy.fft
+from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter
 
 from flflab.errors import MeasurementError
-from flflab.measurement.lattice.repeats import LEAST_PITCH, PERIODS, vectors_in
+from flflab.measurement.lattice.mean_cell import CELL, mean_cell
 from flflab.optics.camera import Layout
 
 Array = npt.NDArray[np.float64]
 
 WINDOW = 512  # pixels of a side in which the autocorrelation is looked at
+LEAST_PITCH = 4.5  # px
+PERIODS = 5  # of the lattice that a window must hold
+ALIKE = 0.75  # of the best peak: the lattice's own vectors are among those as high
+RISE = 0.12  # of the variance: how far a peak must rise above the valley before it
 SURE = 0.6  # height of a peak that needs no look at a coarser picture
-CELL = 24  # points of the mean cell along either vector
-FOLDED = 3.5  # pitches either side of the middle that are folded
+LEAST_HEIGHT = 0.06  # of the variance without noise
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def find_lattice(picture: npt.NDArray[np.floating]) -> RoughLattice:
     for factor in _factors(picture.shape):
         coarse = averaged(picture, factor)
         for window in _windows(coarse):
-            found = vectors_in(window)
+            found = _vectors_in(window)
             if found is not None and (best is None or found[0] > 1.1 * best[0]):
                 best = found[0], factor, found[1], window
         if best is not None and best[0] > SURE:
@@ -130,7 +132,17 @@ def lattice_near(picture: npt.NDArray[np.floating], layout: Layout, vectors: Arr
         MeasurementError: what repeats like that are no bright spots.
     """
     step = max(1, int(np.abs(np.linalg.det(vectors)) ** 0.5 / (2 * CELL)))
-    return _mean_cell(averaged(picture, step), layout, vectors / step, step)
+    pitch = pitch_and_angle(layout, vectors)[0]
+    cell = mean_cell(averaged(picture, step), layout, vectors / step, pitch / step)
+    return RoughLattice(
+        layout,
+        vectors,
+        cell.centre * step + (step - 1) / 2,
+        cell.radius * step,
+        cell.softness * step,
+        cell.light,
+        cell.background,
+    )
 
 
 def _factors(shape: tuple[int, ...]) -> list[int]:
@@ -151,7 +163,9 @@ def averaged(picture: npt.NDArray[np.floating], factor: int) -> npt.NDArray[np.f
 
 
 def _windows(picture: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
-    """The middle of a picture, and beside it the part that varies most where that is elsewhere."""
+    """The middle of a picture, the middle of that, which a dark frame does not reach, and beside
+    them the part that varies most where that is elsewhere.
+    """
     rows, columns = (min(WINDOW, size) for size in picture.shape)
     tops = [(picture.shape[0] - rows) // 2, 0, picture.shape[0] - rows]
     lefts = [(picture.shape[1] - columns) // 2, 0, picture.shape[1] - columns]
@@ -161,7 +175,135 @@ def _windows(picture: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
     ]
     spreads = [float(np.subtract(*np.quantile(part[::4, ::4], [0.9, 0.1]))) for part in parts]
     most = int(np.argmax(spreads))
-    return parts[:1] if spreads[most] < 3 * spreads[0] or most == 0 else [parts[0], parts[most]]
+    inner = parts[0][rows // 4 : rows - rows // 4, columns // 4 : columns - columns // 4]
+    elsewhere = most > 0 and spreads[most] >= 3 * spreads[0]
+    return [parts[0], inner, *([parts[most]] if elsewhere else [])]
+
+
+def _vectors_in(window: npt.NDArray[np.float32]) -> tuple[float, Array] | None:
+    """Height of the best peak of the autocorrelation and two reduced vectors, px of the window."""
+    correlation = _autocorrelation(window)
+    if correlation is None:
+        return None
+    middle = np.array(correlation.shape) // 2
+    reach = min(window.shape) // (PERIODS - 1)
+    around = correlation[
+        middle[0] - reach : middle[0] + reach + 1, middle[1] - reach : middle[1] + reach + 1
+    ]
+    peaks = _peaks(around)
+    if len(peaks) < 2:
+        return None
+    heights = map_coordinates(around, (peaks[:, ::-1] + reach).T, order=1)
+    best = float(heights.max())
+    if best < LEAST_HEIGHT:
+        return None
+    chosen = peaks[heights >= ALIKE * best]
+    chosen = chosen[np.argsort(np.hypot(*chosen.T))]
+    first = chosen[0]
+    across = np.abs(first[0] * chosen[:, 1] - first[1] * chosen[:, 0])
+    second = chosen[across > 0.4 * np.hypot(*first) * np.hypot(*chosen.T)]
+    if len(second) == 0:
+        return None
+    vectors = _refined(correlation, reduced(np.stack([first, second[0]], axis=1)))
+    return best, vectors
+
+
+def _autocorrelation(window: npt.NDArray[np.float32]) -> Array | None:
+    """That of a window less its slow variation, over the variance without noise; lag 0 in the
+    middle.
+    """
+    values = window.astype(np.float64)
+    low, high = np.quantile(values[::3, ::3], [0.001, 0.999])
+    values = np.clip(values, low, high)
+    y, x = (np.linspace(-1, 1, size) for size in values.shape)
+    rows, columns = np.vander(y, 4), np.vander(x, 4)
+    inner = np.linalg.pinv(rows) @ values @ np.linalg.pinv(columns).T
+    values = values - rows @ inner @ columns.T
+    taper = np.outer(np.hanning(values.shape[0] + 2)[1:-1], np.hanning(values.shape[1] + 2)[1:-1])
+    padded = [scipy.fft.next_fast_len(2 * size, real=True) for size in values.shape]
+
+    def correlated(some: Array) -> Array:
+        spectrum = np.asarray(scipy.fft.rfft2(some, padded))
+        return np.asarray(scipy.fft.irfft2(np.abs(spectrum) ** 2, padded))
+
+    own = correlated(taper)
+    found = correlated(values * taper) / np.maximum(own, 1e-3 * own[0, 0])
+    # white noise adds to lag 0 alone
+    variance = max(float(found[0, 1]), float(found[1, 0]), float(found[1, 1]))
+    if not variance > 1e-12 * max(float(high - low) ** 2, 1e-300):
+        return None
+    return np.fft.fftshift(found / variance)
+
+
+def _peaks(around: Array) -> Array:
+    """Lags (x, y) of the local maxima of half of the plane that rise above the valley before
+    them, shape (n, 2).
+    """
+    reach = around.shape[0] // 2
+    smooth = gaussian_filter(around, 0.7)
+    y, x = np.nonzero((smooth == maximum_filter(smooth, 5)) & (around > 0))
+    lags = np.stack([x, y], axis=1) - reach
+    far = np.hypot(*lags.T)
+    half = (lags[:, 1] > 0) | ((lags[:, 1] == 0) & (lags[:, 0] > 0))
+    inside = (np.abs(lags) < reach - 1).all(axis=1)
+    lags = lags[half & inside & (far >= LEAST_PITCH)]
+    kept = []
+    for lag in lags:
+        way = np.linspace(0.05, 0.95, 40)[:, None] * lag + reach
+        valley = float(map_coordinates(around, way[:, ::-1].T, order=1).min())
+        height = float(around[lag[1] + reach, lag[0] + reach])
+        if height - min(valley, height) > RISE * min(1.0, max(height, RISE)):
+            kept.append(_vertex(around, lag + reach) - reach)
+    return np.array(kept, dtype=np.float64).reshape(-1, 2)
+
+
+def _vertex(values: Array, at: npt.NDArray[np.int64]) -> Array:
+    """Top (x, y) of the parabolas through a local maximum and its neighbours."""
+    x, y = int(at[0]), int(at[1])
+    if not (0 < x < values.shape[1] - 1 and 0 < y < values.shape[0] - 1):
+        return np.array([x, y], dtype=np.float64)
+    found = []
+    for three in (values[y, x - 1 : x + 2], values[y - 1 : y + 2, x]):
+        bend = three[0] - 2 * three[1] + three[2]
+        found.append(0.5 * (three[0] - three[2]) / bend if bend < 0 else 0.0)
+    return np.array([x, y]) + np.clip(found, -0.6, 0.6)
+
+
+def reduced(vectors: Array) -> Array:
+    """Gauss reduction: the two shortest vectors of the lattice, the shorter first."""
+    a, b = vectors[:, 0], vectors[:, 1]
+    for _ in range(20):
+        if a @ a > b @ b:
+            a, b = b, a
+        times = round(float(a @ b) / float(a @ a))
+        if times == 0:
+            break
+        b = b - times * a
+    return np.stack([a, b], axis=1)
+
+
+def _refined(correlation: Array, vectors: Array) -> Array:
+    """The vectors by peaks at twice, four times ... their lags, as far as these rise."""
+    middle = np.array(correlation.shape[::-1]) // 2
+    pitch = float(np.hypot(*vectors[:, 0]))
+    columns = []
+    for vector in vectors.T:
+        best, times = vector, 1
+        while True:
+            times *= 2
+            lag = times * best
+            near = max(2, int(0.2 * pitch))
+            x, y = np.rint(lag).astype(int) + middle
+            if (np.abs(lag) > np.array(correlation.shape[::-1]) / 4.5).any():
+                break
+            part = correlation[y - near : y + near + 1, x - near : x + near + 1]
+            top = np.array(np.unravel_index(int(np.argmax(part)), part.shape))[::-1]
+            edge = (top == 0).any() or (top == 2 * near).any()
+            if edge or float(part.max()) < 0.15:
+                break
+            best = (_vertex(correlation, top + np.array([x - near, y - near])) - middle) / times
+        columns.append(best)
+    return np.stack(columns, axis=1)
 
 
 def layout_of(vectors: Array) -> tuple[Layout, Array]:
@@ -185,144 +327,3 @@ def layout_of(vectors: Array) -> tuple[Layout, Array]:
         (one for one in pairs if one[0] < least * 1.001), key=lambda one: one[1]
     )
     return layout, pair
-
-
-def _mean_cell(
-    picture: npt.NDArray[np.float32], layout: Layout, vectors: Array, scale: int
-) -> RoughLattice:
-    """The lattice with the site, radius and softness that explain its mean cell best.
-
-    Args:
-        picture: averaged down by ``scale``.
-        layout: as found.
-        vectors: px of that picture.
-        scale: pixels of the picture itself in one of it.
-    """
-    anchor = _anchor(picture, vectors)
-    cell, count = _folded(picture, vectors, anchor)
-    grid = np.stack(np.meshgrid(np.arange(CELL), np.arange(CELL), indexing="ij"), axis=-1) / CELL
-    grid = grid.reshape(-1, 2)
-    values, weights = cell.ravel(), np.sqrt(count.ravel())
-    smooth = gaussian_filter(cell, 0.06 * CELL, mode="wrap")
-    bright = np.array(np.unravel_index(int(np.argmax(smooth)), cell.shape)) / CELL
-    dark = np.array(np.unravel_index(int(np.argmin(smooth)), cell.shape)) / CELL
-    halves = [np.array(one) / 2 for one in ((1, 0), (0, 1), (1, 1))]
-    thirds = [np.array(one) / 3 for one in ((1, 1), (2, 2))] if layout == "hexagonal" else []
-    sites = [bright, dark, *(bright + one for one in (*halves, *thirds))]
-    pitch = pitch_and_angle(layout, vectors)[0]
-    begun = []
-    for site in sites:
-        of_site = []
-        for radius, soft in itertools.product((0.2, 0.32, 0.45, 0.52, 0.6, 0.75), (0.03, 0.08)):
-            shape = _discs(grid - site, vectors, radius * pitch, soft * pitch)
-            of_site.append((*_scaled(shape, values, weights), site, radius, soft))
-        of_site = [one for one in of_site if one[1] > 0]
-        begun += [min(of_site, key=lambda one: one[0])] if of_site else []
-    if not begun:
-        raise MeasurementError(
-            "white picture: what repeats in it are no bright spots; a picture of an evenly lit"
-            " target is due"
-        )
-
-    def left(free: Array) -> Array:
-        shape = _discs(grid - free[:2], vectors, free[2] * pitch, free[3] * pitch)
-        _, light, ground = _scaled(shape, values, weights)
-        return weights * (ground + light * shape - values)
-
-    fits = [
-        least_squares(
-            left,
-            [*site, radius, soft],
-            bounds=([-2, -2, 0.08, 0.01], [3, 3, 1.1, 0.3]),
-            x_scale=[0.1, 0.1, 0.1, 0.03],
-            max_nfev=25,
-        )
-        for _, _, _, site, radius, soft in begun
-    ]
-    best = min(fits, key=lambda one: float(one.cost)).x
-    shape = _discs(grid - best[:2], vectors, best[2] * pitch, best[3] * pitch)
-    _, light, ground = _scaled(shape, values, weights)
-    return RoughLattice(
-        layout,
-        vectors * scale,
-        (anchor + vectors @ best[:2]) * scale + (scale - 1) / 2,
-        best[2] * pitch * scale,
-        best[3] * pitch * scale,
-        light,
-        ground,
-    )
-
-
-def _anchor(picture: npt.NDArray[np.float32], vectors: Array) -> Array:
-    """Where the folding starts: the middle, or the place that varies most where the middle hardly
-    does.
-    """
-    reach = FOLDED * float(np.max(np.hypot(*vectors)))
-    height, width = picture.shape
-    shares = [0.5, 0.25, 0.75, 0.1, 0.9]
-    spots = [
-        np.array(
-            [
-                np.clip(width * u, min(reach, width / 2), max(width - reach, width / 2)),
-                np.clip(height * v, min(reach, height / 2), max(height - reach, height / 2)),
-            ]
-        )
-        for v, u in itertools.product(shares, repeat=2)
-    ]
-    spreads = []
-    for x, y in spots:
-        part = picture[
-            max(0, int(y - reach)) : int(y + reach) + 1, max(0, int(x - reach)) : int(x + reach) + 1
-        ]
-        spreads.append(float(np.subtract(*np.quantile(part, [0.9, 0.1]))))
-    most = int(np.argmax(spreads))
-    return spots[0] if spreads[0] > 0.6 * spreads[most] else spots[most]
-
-
-def _folded(picture: npt.NDArray[np.float32], vectors: Array, anchor: Array) -> tuple[Array, Array]:
-    """Mean over the cells round the anchor, and how many pixels stand in each point, shape (CELL,
-    CELL) by (i, j).
-    """
-    reach = math.ceil(FOLDED * float(np.max(np.hypot(*vectors))))
-    top, left = (max(0, int(anchor[1]) - reach), max(0, int(anchor[0]) - reach))
-    part = picture[top : int(anchor[1]) + reach + 1, left : int(anchor[0]) + reach + 1]
-    rows, columns = np.indices(part.shape)
-    away = np.stack([columns + left - anchor[0], rows + top - anchor[1]], axis=-1)
-    place = (away @ np.linalg.inv(vectors).T) % 1.0 * CELL
-    low = np.floor(place).astype(np.int64)
-    rest = place - low
-    total, count = np.zeros((CELL, CELL)), np.zeros((CELL, CELL))
-    for i, j in itertools.product((0, 1), repeat=2):
-        weight = np.abs(1 - i - rest[..., 0]) * np.abs(1 - j - rest[..., 1])
-        at = (low[..., 0] + i) % CELL, (low[..., 1] + j) % CELL
-        np.add.at(total, at, weight * part)
-        np.add.at(count, at, weight)
-    return total / np.maximum(count, 1e-9), count
-
-
-def _discs(place: Array, vectors: Array, radius: float, softness: float) -> Array:
-    """Light at places given in lattice steps from a micro-image: soft discs at every lattice point
-    near, shape (n,).
-    """
-    place = place - np.rint(place)
-    total = np.zeros(len(place))
-    for i, j in itertools.product((-2, -1, 0, 1, 2), repeat=2):
-        away = np.hypot(*((place - [i, j]) @ vectors.T).T)
-        if away.min() < radius + 8 * softness:
-            total += expit((radius - away) / softness)
-    return total
-
-
-def _scaled(shape: Array, values: Array, weights: Array) -> tuple[float, float, float]:
-    """What light times a shape plus a background leaves (sum of squares), the light and the
-    background.
-    """
-    mean, level = np.average(shape, weights=weights**2), np.average(values, weights=weights**2)
-    spread = float(np.sum((weights * (shape - mean)) ** 2))
-    light = float(np.sum(weights**2 * (shape - mean) * (values - level))) / max(spread, 1e-12)
-    ground, least = float(level - light * mean), min(0.0, float(values.min()))
-    if ground < least:  # no sensor reads less, whatever lies beneath light that never ends
-        ground = least
-        light = float(np.sum(weights**2 * shape * (values - ground)))
-        light /= max(float(np.sum((weights * shape) ** 2)), 1e-12)
-    return float(np.sum((weights * (ground + light * shape - values)) ** 2)), light, ground

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, averaged
-from flflab.measurement.lattice.index import FEWEST, Indexed, index_lattice
+from flflab.measurement.lattice.index import FEWEST, Indexed, index_lattice, unlike_most
 from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, SOFTER, WIDER, X, Y
 from flflab.measurement.lattice.mean_profile import Profile, measured_profile
 from flflab.measurement.lattice.micro_images import (
@@ -97,6 +97,8 @@ def _fitted(picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLa
     for turn, (size, rounds) in enumerate(TURNS):
         inner = found & inside(values, shape, border_of(values, found, shape, profile, rough.pitch))
         require_enough(inner)
+        if doubt is not None:
+            inner &= ~unlike_most(values, doubt, profile, inner)
         if turn == LOOK:
             pixels = finer(pixels, pixels.misfit, 1)
         grounded = indexed.ground is None
@@ -105,6 +107,7 @@ def _fitted(picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLa
         model = Model(profile, neighbours, prior, size)
         values = fit(pixels, values, lit, model, rounds)
         doubt = spread(pixels, values, every, model)
+        inner &= ~unlike_most(values, doubt, profile, inner)
         if turn == LOOK:
             slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
             values[:, SLOPE_X:] = slopes.mean

@@ -41,6 +41,7 @@ ENOUGH = 20  # for a profile of their own
 LEAST_LIGHT = 0.02  # of the brightest ones'
 WORST = 0.25  # of a micro-image's light: what it may leave
 ALIGN, STEPS = 6, 3  # of the first fit and of that of all
+UNLIKE, UNLIKE_WIDTH, UNLIKE_MISFIT = 4.0, 0.02, 0.03  # of three quarters; radii; of the light
 MOVED = 0.25  # of the pitch: how far from where it was expected
 OVERLAP = 1.04  # of half the pitch: wider micro-images are fitted together
 CUT = 4.0  # robust deviations beyond which a centre does not count for the map
@@ -201,3 +202,21 @@ def looks_right(values: Array, doubt: Spread, profile: Profile, pitch: float) ->
         & (doubt.pixels > doubt.left_out)
         & (np.abs(values[:, WIDER]) < 0.3 * profile.radius)
     )
+
+
+def unlike_most(values: Array, doubt: Spread, profile: Profile, whole: Flags) -> Flags:
+    """Which differ from most whole ones, as those do that a border within the picture cuts.
+
+    Args:
+        values: of some micro-images, shape (n, VALUES).
+        doubt: how sure they are.
+        profile: that all share.
+        whole: those to compare with.
+    """
+    odd = np.zeros(len(values), dtype=np.bool_)
+    aside = np.abs(values[:, WIDER] - np.median(values[whole, WIDER]))
+    worse = np.abs(doubt.misfit - np.median(doubt.misfit[whole]))
+    for apart, floor in ((aside, UNLIKE_WIDTH * profile.radius), (worse, UNLIKE_MISFIT)):
+        # a third of all may be of another kind
+        odd |= apart > max(UNLIKE * float(np.quantile(apart[whole], 0.75)), floor)
+    return odd

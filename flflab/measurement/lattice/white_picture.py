@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, find_lattice
@@ -16,7 +17,7 @@ from flflab.measurement.lattice.fitted import (
     require_enough,
 )
 from flflab.measurement.lattice.grid import Grid, grid_through
-from flflab.measurement.lattice.index import looks_right
+from flflab.measurement.lattice.index import looks_right, unlike_most
 from flflab.measurement.lattice.kernel import X, Y
 from flflab.measurement.lattice.mean_profile import Profile
 from flflab.measurement.lattice.slopes import (
@@ -34,6 +35,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
+NEXT = 1.2  # pitches: neighbours
 RIM = 0.05  # of the light: where a micro-image ends
 
 
@@ -101,6 +103,7 @@ def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> Wh
     found = fitted.found & looks_right(values, doubt, profile, rough.pitch)
     whole = found & there
     require_enough(whole)
+    whole &= ~unlike_most(values, doubt, profile, whole)
     between = 0.0 if fitted.joint else _light_between(rough, profile)
     definition = definition_of_centres(doubt, fitted.slopes, profile, between)
     missing = ~found & inside(values, shape, 0.0)
@@ -112,12 +115,15 @@ def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> Wh
     ways = asides(indices, math.hypot(float(np.median(definition[whole])), together))
     definition = np.hypot(definition, aside)
     own = np.sqrt(doubt.covariance[:, [X, Y], [X, Y]])
+    # a bent lattice is not followed into unlit surrounds
+    near, _ = KDTree(values[whole, :2]).query(values[:, :2], 3)
+    beyond, amid = near[:, 0] < NEXT * rough.pitch, near[:, 2] < NEXT * rough.pitch
     grid = grid_through(
         rough.layout,
         indices[whole],
         values[whole, :2],
         np.hypot(own, aside[:, None])[whole],
-        [indices[there], indices[inside(values, shape, 0.0)]],
+        [indices[whole | there & amid], indices[inside(values, shape, 0.0) & beyond]],
         [one[whole] for one in ways],
     )
     return WhitePicture(

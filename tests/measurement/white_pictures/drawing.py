@@ -1,7 +1,6 @@
 """From a specification to a picture and its truth."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +14,7 @@ from white_pictures.spec import Array, Truth, WhiteSpec
 def draw_white(spec: WhiteSpec, rng: np.random.Generator) -> tuple[npt.NDArray[np.uint16], Truth]:
     """A white picture as the sensor reads it, with its truth."""
     light, truth = draw_light(spec, rng)
-    picture, saturated = read_out(spec.readout, light, rng)
-    return picture, replace(truth, saturated=saturated)
+    return read_out(spec.readout, light, rng), truth
 
 
 def draw_light(spec: WhiteSpec, rng: np.random.Generator) -> tuple[Array, Truth]:
@@ -31,7 +29,8 @@ def draw_light(spec: WhiteSpec, rng: np.random.Generator) -> tuple[Array, Truth]
     if margin:
         light = _spread(light, spec)[margin:-margin, margin:-margin]
     if spec.readout.shading != 1:
-        light = light * shading(spec.shape, spec.readout.shading)
+        y, x = np.ogrid[: spec.shape[0], : spec.shape[1]]
+        light = light * shading(spec.shape, spec.readout.shading, x, y)
     return light, truth
 
 

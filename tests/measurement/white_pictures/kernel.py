@@ -5,7 +5,7 @@ import math
 import numba
 import numpy as np
 import numpy.typing as npt
-from white_pictures.profiles import ProfileTable, gauss
+from white_pictures.profiles import ProfileTable
 
 Array = npt.NDArray[np.float64]
 
@@ -41,7 +41,6 @@ def _add(
     limits: tuple[float, float, float],
     rim: tuple[Array, Array],
     flat: tuple[Array, Array],
-    kink: tuple[Array, Array],
 ) -> None:
     inner, outer, step = limits
     finer, last_step = 1 / step, len(table) - 1.001
@@ -61,37 +60,30 @@ def _add(
             for column in range(first, last + 1):
                 u = xx * (column - x) + xy * (row - y)
                 v = yx * (column - x) + yy * (row - y)
-                beside = abs(u * stop_x + v * stop_y)
-                middle = math.sqrt(u * u + v * v + stop + 2 * beside)
+                middle = math.sqrt(u * u + v * v + stop + 2 * abs(u * stop_x + v * stop_y))
                 if middle - reach >= outer:
                     continue
-                nodes, weights = flat
-                if lens.covered:
-                    nodes, weights = kink
-                elif middle + reach > inner:
-                    # the two stops' rims meet in a kink
-                    nodes, weights = kink if beside < reach * math.sqrt(stop) else rim
+                nodes, weights = rim if lens.covered or middle + reach > inner else flat
                 total = 0.0
                 for k in range(len(nodes)):
-                    line, dv = 0.0, nodes[k]
                     for m in range(len(nodes)):
-                        du = nodes[m]
-                        p, q = u + xx * du + xy * dv, v + yx * du + yy * dv
+                        p = u + xx * nodes[m] + xy * nodes[k]
+                        q = v + yx * nodes[m] + yy * nodes[k]
                         square = p * p + q * q
                         r = math.sqrt(square + stop + 2 * abs(p * stop_x + q * stop_y))
                         at = min(max((r - inner) * finer, 0.0), last_step)
-                        step_before = int(at)
-                        low, high = table[step_before], table[step_before + 1]
-                        light = low + (at - step_before) * (high - low)
+                        low, high = table[int(at)], table[int(at) + 1]
+                        light = low + (at - int(at)) * (high - low)
                         light *= (1 + slope_x * p + slope_y * q) / (1 + rounding * square)
                         if lens.covered:
                             light *= 0.5 * math.erfc(p * lens.cover_x + q * lens.cover_y)
-                        line += weights[m] * light
-                    total += weights[k] * line
+                        total += weights[k] * weights[m] * light
                 picture[row, column] += lens.light * total
 
 
 def add_micro_images(picture: Array, lenses: npt.NDArray[np.void], table: ProfileTable) -> None:
     """Add pixels' means of the lenses' light (dtype ``LENS``) to a picture."""
+    rim, flat = (np.polynomial.legendre.leggauss(order) for order in (8, 3))
     limits = (table.inner, table.outer, table.step)
-    _add(picture, lenses, table.light, limits, (table.nodes, table.weights), gauss(3), gauss(12))
+    halved = [(nodes / 2, weights / 2) for nodes, weights in (rim, flat)]
+    _add(picture, lenses, table.light, limits, *halved)

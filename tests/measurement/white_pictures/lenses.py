@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 from white_pictures.kernel import LENS
 from white_pictures.lattice import (
-    Indices,
     bent,
     designed_vectors,
     field_axis,
@@ -16,8 +15,8 @@ from white_pictures.lattice import (
     stretched,
     turned,
 )
-from white_pictures.profiles import ProfileTable, falls_to
-from white_pictures.read_out import shading_at
+from white_pictures.profiles import ProfileTable
+from white_pictures.read_out import shading
 from white_pictures.spec import Array, Flags, Truth, WhiteSpec
 
 _DEAD = 0.02, 0.22  # light of a dead lens
@@ -42,41 +41,33 @@ def place_lenses(
         low, high = np.full(2, spec.margin - 0.5), size - 0.5 - spec.margin
     index = indices_within(vectors, origin, low, high)
 
-    places = origin + index @ vectors.T
-    uncut = _inside(places, box * table.rim_end, size)
+    places, end = origin + index @ vectors.T, box * table.falls_to(0.01)
+    uncut = _inside(places, end, size)
     dead, half, missing = _spoilt(spec, np.flatnonzero(uncut), len(index), rng)
-    smooth = bent(spec, index, places, uncut & ~(dead | half | missing))
+    spoilt = dead | half | missing
+    smooth = bent(spec, index, places, uncut & ~spoilt)
     centre = smooth + rng.normal(0, spec.scatter, places.shape)
-    cut = ~_inside(centre, box * table.rim_end, size)
-    kind = _kind(index, len(spec.kinds))
+    i, j = index.T
+    kind = (i + j) % 2 if len(spec.kinds) == 2 else (i - j) % len(spec.kinds)
 
     lenses = np.zeros(len(index), LENS)
     lenses["x"], lenses["y"] = centre.T
-    lenses["light"] = _light(spec, centre, kind, rng)
+    lenses["light"] = _light(spec, centre, rng)
     lenses["light"][dead] *= rng.uniform(*_DEAD, int(dead.sum()))
     lenses["light"][missing] = 0
-    radii = np.array(spec.kinds)[kind]
-    narrowed = _shape(lenses, spec, table, form, radii)
+    _shape(lenses, spec, table, form, np.array(spec.kinds)[kind])
     _cover(lenses, half, rng)
 
     shown = _inside(centre, -box * table.outer, size)
-    whole = shown & ~(cut | dead | half | missing)
-    strayed = (centre - smooth)[whole]
+    whole = shown & _inside(centre, end, size) & ~spoilt
     truth = Truth(
         fit_straight(index[whole], smooth[whole], spec.symmetry),
-        fit_straight(index[whole], centre[whole], spec.symmetry),
         index[shown],
         centre[shown],
-        smooth[shown],
-        (lenses["light"] * shading_at(spec.shape, spec.readout.shading, centre))[shown],
-        (table.half * radii * narrowed)[shown],
-        (_half_light(spec, table) * radii * narrowed)[shown],
-        kind[shown],
-        dead[shown],
-        half[shown],
+        (lenses["light"] * shading(spec.shape, spec.readout.shading, *centre.T))[shown],
         missing[shown],
-        cut[shown],
-        float(np.sqrt(np.mean(strayed**2))) if len(strayed) else 0.0,
+        whole[shown],
+        float(np.sqrt(np.mean((centre - smooth)[whole] ** 2))) if whole.any() else 0.0,
     )
     return lenses, truth
 
@@ -84,11 +75,6 @@ def place_lenses(
 def _inside(places: Array, border: Array, size: Array) -> Flags:
     """Places that keep this distance from the picture's border."""
     return np.all((places >= border - 0.5) & (places <= size - 0.5 - border), axis=1)
-
-
-def _kind(index: Indices, kinds: int) -> npt.NDArray[np.int64]:
-    i, j = index.T
-    return (i + j) % 2 if kinds == 2 else (i - j) % kinds
 
 
 def _spoilt(
@@ -105,26 +91,15 @@ def _spoilt(
     return flags[0], flags[1], flags[2]
 
 
-def _light(
-    spec: WhiteSpec, centre: Array, kind: npt.NDArray[np.int64], rng: np.random.Generator
-) -> Array:
+def _light(spec: WhiteSpec, centre: Array, rng: np.random.Generator) -> Array:
     away = np.hypot(*(centre - field_axis(spec)).T) / field_radius(spec)
     light = 1 - (1 - spec.corner) * np.minimum(away, 1.0) ** spec.falloff_power
-    light *= 1 + rng.normal(0, spec.brightness, len(centre))
-    if spec.kind_light:
-        light *= np.array(spec.kind_light)[kind]
-    return light
+    return light * (1 + rng.normal(0, spec.brightness, len(centre)))
 
 
-def _shape(
-    lenses: Lenses, spec: WhiteSpec, table: ProfileTable, form: Array, radii: Array
-) -> Array:
-    """Write the shapes of micro-images.
-
-    Returns:
-        What the second stop makes of each radius: the root of the share of the area it leaves.
-    """
-    to_profile = np.linalg.inv(form)
+def _shape(lenses: Lenses, spec: WhiteSpec, table: ProfileTable, form: Array, radii: Array) -> None:
+    """Write the shapes of micro-images."""
+    to_profile, half = np.linalg.inv(form), table.falls_to(0.5)
     for name, value in zip(("xx", "xy", "yx", "yy"), to_profile.ravel(), strict=True):
         lenses[name] = value / radii
     lenses["longest"] = np.linalg.norm(to_profile, 2) / radii
@@ -133,19 +108,16 @@ def _shape(
 
     away = np.column_stack([lenses["x"], lenses["y"]]) - field_axis(spec)
     away /= field_radius(spec)
-    distance = np.hypot(*away.T)
-    aspect = 1 + (spec.second_stop - 1) * distance**2
+    aspect = 1 + (spec.second_stop - 1) * np.hypot(*away.T) ** 2
     apart = (aspect**2 - 1) / (aspect**2 + 1)  # half of the stops' distance, in radii
     radial = away @ to_profile.T
     radial /= np.maximum(np.hypot(*radial.T), 1e-12)[:, None]
-    lenses["stop_x"], lenses["stop_y"] = table.half * apart * radial.T
+    lenses["stop_x"], lenses["stop_y"] = half * apart * radial.T
 
     along = math.radians(spec.slope_angle)
     slope = spec.slope * np.array([math.cos(along), math.sin(along)]) + spec.slope_at_corner * away
-    lenses["slope_x"], lenses["slope_y"] = slope.T / (2 * table.half)
-    lenses["rounding"] = _rounding(spec, table)
-    left = 2 * (np.arccos(apart) - apart * np.sqrt(1 - apart**2)) / math.pi
-    return np.sqrt(left)
+    lenses["slope_x"], lenses["slope_y"] = slope.T / (2 * half)
+    lenses["rounding"] = spec.rounding / (1 - spec.rounding) / half**2
 
 
 def _cover(lenses: Lenses, half: Flags, rng: np.random.Generator) -> None:
@@ -154,16 +126,3 @@ def _cover(lenses: Lenses, half: Flags, rng: np.random.Generator) -> None:
     lenses["covered"] = half
     lenses["cover_x"] = np.cos(side) / (math.sqrt(2) * _COVER)
     lenses["cover_y"] = np.sin(side) / (math.sqrt(2) * _COVER)
-
-
-def _rounding(spec: WhiteSpec, table: ProfileTable) -> float:
-    """k of the factor ``1 / (1 + k r^2)``, which takes ``rounding`` at the half-light radius."""
-    return spec.rounding / (1 - spec.rounding) / table.half**2
-
-
-def _half_light(spec: WhiteSpec, table: ProfileTable) -> float:
-    """Where a nominal micro-image has half of its centre's light, the profile's px."""
-    r = np.linspace(0, table.outer, 50001)
-    steps = table.inner + table.step * np.arange(len(table.light))
-    light = np.interp(r, steps, table.light) / (1 + _rounding(spec, table) * r * r)
-    return falls_to(light, 0.0, float(r[1]), 0.5)

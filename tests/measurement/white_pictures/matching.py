@@ -1,12 +1,11 @@
 """What a measurement found, compared with what was drawn."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
-from white_pictures.lattice import straight_lattice, wrapped
+from white_pictures.lattice import wrapped
 from white_pictures.spec import Array, Flags, TrueLattice, Truth
 
 
@@ -19,7 +18,6 @@ class Matched:
         drawn: Row of each match in the truth, (M,).
         error: Found less drawn centre, (M, 2) px.
         whole: Matches with a whole lens, (M,).
-        invented: Rows found that are near no lens that is there.
         overlooked: Rows of the truth of whole lenses that were not found.
         index_is_right: Indices found are those drawn but for one shift and one symmetry.
     """
@@ -28,7 +26,6 @@ class Matched:
     drawn: npt.NDArray[np.int64]
     error: Array
     whole: Flags
-    invented: npt.NDArray[np.int64]
     overlooked: npt.NDArray[np.int64]
     index_is_right: bool
 
@@ -41,14 +38,12 @@ class Matched:
         """Errors of the whole lenses over their stated uncertainties, (W, 2).
 
         Args:
-            sigma: Stated for every row found, (N,) or (N, 2) px.
+            sigma: Stated for every row found, (N, 2) px.
         """
-        stated = sigma[self.found]
-        stated = stated[:, None] if stated.ndim == 1 else stated
-        return np.asarray((self.error / stated)[self.whole])
+        return np.asarray((self.error / sigma[self.found])[self.whole])
 
 
-def match(truth: Truth, centres: Array, indices: npt.NDArray[np.integer] | None = None) -> Matched:
+def match(truth: Truth, centres: Array, indices: npt.NDArray[np.integer]) -> Matched:
     """Give each centre found the nearest lens drawn, within three tenths of the pitch.
 
     Args:
@@ -71,9 +66,8 @@ def match(truth: Truth, centres: Array, indices: npt.NDArray[np.integer] | None 
         drawn,
         centres[found] - truth.centre[drawn],
         whole[drawn],
-        np.setdiff1d(np.arange(len(centres)), found),
         np.setdiff1d(np.flatnonzero(whole), drawn),
-        indices is None or _same_lattice(np.asarray(indices)[found], truth.index[drawn]),
+        _same_lattice(indices[found], truth.index[drawn]),
     )
 
 
@@ -94,23 +88,14 @@ class LatticeError:
         pitch: px.
         angle: degrees, within half a symmetry of 0.
         origin: From the nearest point of the lattice drawn, (2,) px.
-        vectors: Largest error of a vector, px; the vectors drawn are taken in the symmetry
-            that is nearest.
     """
 
     pitch: float
     angle: float
     origin: Array
-    vectors: float
 
 
-def compare_lattice(
-    drawn: TrueLattice,
-    origin: Array,
-    pitch: float,
-    angle: float,
-    vectors: Array | None = None,
-) -> LatticeError:
+def compare_lattice(drawn: TrueLattice, origin: Array, pitch: float, angle: float) -> LatticeError:
     """Errors of a lattice found.
 
     Args:
@@ -118,25 +103,7 @@ def compare_lattice(
         origin: Found, a lattice point, (x, y) px.
         pitch: Found, px, as ``WhiteSpec.pitch`` defines it.
         angle: Found, degrees, up to a symmetry; of hexagonal lattices that of a dense row.
-        vectors: Found, as columns, px.
     """
-    node = np.rint(np.linalg.solve(drawn.vectors, np.asarray(origin) - drawn.origin))
-    away = np.asarray(origin) - drawn.origin - drawn.vectors @ node
-    return LatticeError(
-        pitch - drawn.pitch,
-        wrapped(angle - drawn.angle, drawn.symmetry),
-        away,
-        math.nan if vectors is None else _vector_error(drawn, vectors),
-    )
-
-
-def _vector_error(drawn: TrueLattice, vectors: Array) -> float:
-    """Each vector found against the nearest small sum of those drawn."""
-    steps = np.array([[i, j] for i in range(-2, 3) for j in range(-2, 3)])
-    sums = steps @ drawn.vectors.T
-    return max(float(np.hypot(*(sums - vector).T).min()) for vector in vectors.T)
-
-
-def lattice_of(vectors: Array, origin: Array, symmetry: float) -> TrueLattice:
-    """Pitch and angle, as they are defined, of vectors given as columns."""
-    return straight_lattice(vectors, origin, symmetry)
+    node = np.rint(np.linalg.solve(drawn.vectors, origin - drawn.origin))
+    away = origin - drawn.origin - drawn.vectors @ node
+    return LatticeError(pitch - drawn.pitch, wrapped(angle - drawn.angle, drawn.symmetry), away)

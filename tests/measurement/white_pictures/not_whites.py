@@ -13,7 +13,7 @@ Shape = tuple[int, int]
 
 
 def _read(light: Array, rng: np.random.Generator, sensor: Readout | None = None) -> Picture:
-    return read_out(sensor or Readout(), light, rng)[0]
+    return read_out(sensor or Readout(), light, rng)
 
 
 def clouds(shape: Shape, rng: np.random.Generator) -> Picture:
@@ -71,43 +71,6 @@ def checkerboard(shape: Shape, rng: np.random.Generator) -> Picture:
     return _read(ndimage.gaussian_filter(0.1 + 0.8 * ((x // 20 + y // 20) % 2), 0.8), rng)
 
 
-def bricks(shape: Shape, rng: np.random.Generator) -> Picture:
-    """A wall of bricks of 44 x 20 px in bond, each of its own colour."""
-    y, x = np.indices(shape)
-    row = y // 20
-    along = x + 22 * (row % 2)
-    tone = rng.uniform(0.35, 0.8, (shape[0] // 20 + 1, shape[1] // 44 + 3))
-    light = tone[row, along // 44] + rng.normal(0, 0.04, shape)
-    light[(y % 20 < 3) | (along % 44 < 3)] = 0.9
-    return _read(ndimage.gaussian_filter(light, 0.8), rng)
-
-
-def dots(shape: Shape, rng: np.random.Generator) -> Picture:
-    """Dots of all sizes at random places."""
-    light = np.zeros(shape)
-    y, x = np.indices(shape)
-    for _ in range(80):
-        radius = rng.uniform(3, 15)
-        away = np.hypot(x - rng.uniform(0, shape[1]), y - rng.uniform(0, shape[0]))
-        light = np.maximum(light, np.clip(radius - away, 0, 1))
-    return _read(light, rng)
-
-
-def dots_through_the_camera(shape: Shape, rng: np.random.Generator) -> Picture:
-    """Four dots: every microlens shows those that it sees, moving from one to the next."""
-    white, truth = draw_light(WhiteSpec(shape=shape, pitch=40.0, profile=SoftDisc(17.0, 1.0)), rng)
-    y, x = np.indices(shape)
-    middle = (np.array(shape[::-1]) - 1) / 2
-    seen = np.zeros(shape)
-    for dot in np.array([[-60.0, -60], [60, -60], [-60, 60], [60, 60]]):
-        for centre in truth.centre:
-            away = (dot - (centre - middle)) / 4
-            if np.hypot(*away) < 20:
-                r = np.hypot(x - centre[0] - away[0], y - centre[1] - away[1])
-                seen += np.exp(-(r**2) / (2 * 2.5**2))
-    return _read(white * np.minimum(seen, 1), rng)
-
-
 def scene_through_the_camera(shape: Shape, rng: np.random.Generator) -> Picture:
     """A scene in focus behind the array: every micro-image holds a piece of it."""
     light, _ = draw_light(WhiteSpec(shape=shape, pitch=40.0, profile=SoftDisc(17.0, 1.0)), rng)
@@ -118,15 +81,6 @@ def saturated_white(shape: Shape, rng: np.random.Generator) -> Picture:
     """A white picture with all of its micro-images at full scale."""
     light, _ = draw_light(WhiteSpec(shape=shape, profile=SoftDisc(13.0, 1.0)), rng)
     return _read(light, rng, Readout(saturated=0.55))
-
-
-def five_micro_images(shape: Shape, rng: np.random.Generator) -> Picture:
-    """A white picture of five micro-images only."""
-    light = np.zeros(shape)
-    for n in range(5):
-        y, x = np.indices(shape)
-        light += np.hypot(x - 60 - 80 * n, y - shape[0] / 2) < 30
-    return _read(ndimage.gaussian_filter(light, 1.0), rng)
 
 
 NOT_WHITES = {
@@ -140,11 +94,7 @@ NOT_WHITES = {
         dark,
         bars,
         checkerboard,
-        bricks,
-        dots,
-        dots_through_the_camera,
         scene_through_the_camera,
         saturated_white,
-        five_micro_images,
     )
 }

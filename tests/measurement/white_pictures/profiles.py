@@ -9,8 +9,8 @@ from scipy.special import erfc
 
 Array = npt.NDArray[np.float64]
 
-_NOTHING = 1e-7  # of the plateau: light below is not drawn
-_PIXEL_ERROR = 8e-5  # of the plateau: what a pixel's mean may be wrong by at a straight rim
+NOTHING = 1e-7  # of the plateau: light below is not drawn
+STEPS = 8000  # of a table across the rim
 
 
 @dataclass(frozen=True)
@@ -94,77 +94,26 @@ class ProfileTable:
         step: px.
         inner: Light is 1 up to here, px.
         outer: Light is 0 from here on, px.
-        half: Where light is half, px.
-        rim_end: Where one hundredth of the light is left, px.
-        nodes: Points of a pixel at which its mean is taken, along one side, px from its middle.
-        weights: Their weights; they sum to 1.
     """
 
     light: Array
     step: float
     inner: float
     outer: float
-    half: float
-    rim_end: float
-    nodes: Array
-    weights: Array
 
-    def at_light(self, share: float) -> float:
+    def falls_to(self, share: float) -> float:
         """Distance at which the profile has fallen to this share, px."""
-        return falls_to(self.light, self.inner, self.step, share)
-
-
-def falls_to(light: Array, start: float, step: float, share: float) -> float:
-    """Where a falling table crosses a share, interpolated."""
-    last = int(np.flatnonzero(light > share)[-1])
-    part = (light[last] - share) / (light[last] - light[last + 1])
-    return start + step * (last + float(part))
-
-
-def gauss(order: int) -> tuple[Array, Array]:
-    """Gauss's nodes and weights for the mean over a pixel's side."""
-    nodes, weights = np.polynomial.legendre.leggauss(order)
-    return nodes / 2, weights / 2
+        last = int(np.flatnonzero(self.light > share)[-1])
+        part = (self.light[last] - share) / (self.light[last] - self.light[last + 1])
+        return self.inner + self.step * (last + float(part))
 
 
 def tabulate(profile: Profile) -> ProfileTable:
-    """Table of a profile.
-
-    Raises:
-        ValueError: the rim is so sharp that no order of at most 24 gives pixels' means to 8e-5.
-    """
+    """Table of a profile across its rim."""
     coarse: Array = np.linspace(0, profile.farthest, 20001, dtype=np.float64)
     light = profile.light(coarse)
-    flat = np.flatnonzero(light < 1 - _NOTHING)
-    inner = float(coarse[max(0, int(flat[0]) - 1)])
-    outer = float(coarse[min(20000, int(np.flatnonzero(light > _NOTHING)[-1]) + 1)])
-    count = min(60000, max(4000, math.ceil((outer - inner) / 0.002)))
-    step = (outer - inner) / count
-    distances: Array = inner + step * np.arange(count + 1, dtype=np.float64)
-    table = profile.light(distances)
+    inner = float(coarse[max(0, int(np.argmax(light < 1 - NOTHING)) - 1)])
+    outer = float(coarse[min(20000, int(np.flatnonzero(light > NOTHING)[-1]) + 1)])
+    table = profile.light(np.linspace(inner, outer, STEPS + 1, dtype=np.float64))
     table[-1] = 0.0
-    order = _order(profile, inner, outer)
-    nodes, weights = gauss(order)
-    return ProfileTable(
-        table,
-        step,
-        inner,
-        outer,
-        falls_to(table, inner, step, 0.5),
-        falls_to(table, inner, step, 0.01),
-        nodes,
-        weights,
-    )
-
-
-def _order(profile: Profile, inner: float, outer: float) -> int:
-    """Order of Gauss's rule that suffices where the rim runs along the pixels' sides."""
-    middles: Array = np.linspace(max(inner - 0.5, 0.5), outer + 0.5, 1500, dtype=np.float64)
-    fine, fine_weights = gauss(60)
-    exact = profile.light(middles[:, None] + fine) @ fine_weights
-    for order in range(3, 25):
-        nodes, weights = gauss(order)
-        mean = profile.light(middles[:, None] + nodes) @ weights
-        if np.abs(mean - exact).max() < _PIXEL_ERROR:
-            return order
-    raise ValueError(f"{profile}: its rim is too sharp for pixels' means to {_PIXEL_ERROR:g}")
+    return ProfileTable(table, (outer - inner) / STEPS, inner, outer)

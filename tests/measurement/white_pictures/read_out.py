@@ -7,27 +7,15 @@ import numpy.typing as npt
 from white_pictures.spec import Array, Readout
 
 
-def shading(shape: tuple[int, int], corner: float) -> Array:
-    """Light of every pixel as a share of the middle's, falling as the distance squared."""
-    y, x = np.ogrid[: shape[0], : shape[1]]
-    return _shading(shape, corner, x, y)
-
-
-def shading_at(shape: tuple[int, int], corner: float, places: Array) -> Array:
-    """The same at places (x, y), px."""
-    return _shading(shape, corner, places[:, 0], places[:, 1])
-
-
-def _shading(shape: tuple[int, int], corner: float, x: Any, y: Any) -> Array:
+def shading(shape: tuple[int, int], corner: float, x: Any, y: Any) -> Array:
+    """Light at places as a share of the middle's, falling as the distance squared."""
     middle_y, middle_x = (shape[0] - 1) / 2, (shape[1] - 1) / 2
     square = (x - middle_x) ** 2 + (y - middle_y) ** 2
     return np.asarray(1 - (1 - corner) * square / (middle_x**2 + middle_y**2))
 
 
-def read_out(
-    sensor: Readout, light: Array, rng: np.random.Generator
-) -> tuple[npt.NDArray[np.uint16], float]:
-    """Numbers of a picture, and the share of them at full scale."""
+def read_out(sensor: Readout, light: Array, rng: np.random.Generator) -> npt.NDArray[np.uint16]:
+    """Numbers of a picture."""
     columns = light.shape[1]
     full = 2**sensor.bits - 1
     signal = light
@@ -51,5 +39,4 @@ def read_out(
         numbers.flat[at] += rng.uniform(0, 0.1 * full, len(at))
     if sensor.gamma != 1:
         numbers = full * np.clip(numbers / full, 0, 1) ** (1 / sensor.gamma)
-    picture = np.clip(np.rint(numbers), 0, full).astype(np.uint16)
-    return picture, float(np.mean(picture == full))
+    return np.clip(np.rint(numbers), 0, full).astype(np.uint16)

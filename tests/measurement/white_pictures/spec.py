@@ -68,7 +68,6 @@ class WhiteSpec:
         aspect_angle: degrees.
         kinds: Radius of each kind in nominal ones; one, two ((i + j) mod 2) or three
             ((i - j) mod 3) of them.
-        kind_light: Light of each kind in nominal ones, or empty.
         scatter: Of the lenses' places about the lattice, px in each direction.
         brightness: Relative scatter of the lenses' light.
         corner: Light of a corner's lens as a share of the middle's.
@@ -102,7 +101,6 @@ class WhiteSpec:
     aspect: float = 0.0
     aspect_angle: float = 0.0
     kinds: tuple[float, ...] = (1.0,)
-    kind_light: tuple[float, ...] = ()
     scatter: float = 0.0
     brightness: float = 0.0
     corner: float = 1.0
@@ -158,40 +156,18 @@ class Truth:
 
     Attributes:
         lattice: Least-squares straight lattice through the whole lenses before they scatter.
-        lattice_of_places: The same with their scatter.
         index: (N, 2).
         centre: Centre of the disc, (N, 2) px; slope, rounding and brightness do not move it.
-        smooth_centre: The same before the lenses scatter.
         light: At the centre, without the neighbours' and the halo's.
-        radius: Where the profile has half of its light, px; the root of the area over pi where it
-            is no circle and no second stop cuts it.
-        half_light_radius: Where light is half of the centre's, rounding counted.
-        kind: Index into ``kinds``.
-        dead: Flags.
-        half_covered: Flags.
-        missing: Flags.
-        cut: The picture's border cuts the micro-image.
+        missing: Lenses that are not there.
+        whole: Lenses whose micro-image is all there, dead and half-covered ones left out.
         scatter: As drawn, px rms in one direction, of the whole lenses.
-        saturated: Share of the pixels at full scale.
     """
 
     lattice: TrueLattice
-    lattice_of_places: TrueLattice
     index: npt.NDArray[np.int64]
     centre: Array
-    smooth_centre: Array
     light: Array
-    radius: Array
-    half_light_radius: Array
-    kind: npt.NDArray[np.int64]
-    dead: Flags
-    half_covered: Flags
     missing: Flags
-    cut: Flags
+    whole: Flags
     scatter: float
-    saturated: float = 0.0
-
-    @property
-    def whole(self) -> Flags:
-        """Lenses whose micro-image is all there, dead ones left out."""
-        return ~(self.dead | self.half_covered | self.missing | self.cut)
