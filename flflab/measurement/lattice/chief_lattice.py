@@ -42,7 +42,7 @@ def lattice_of(
     whole: Images,
     kind: Whole,
     falling: FallOff,
-    by_share: Array,
+    by_profile: Array,
 ) -> Lattice:
     """The lattice of chief rays.
 
@@ -52,8 +52,7 @@ def lattice_of(
         whole: whole micro-images where their chief rays land, with the radii of their discs.
         kind: of each of ``white``'s micro-images.
         falling: fall-off within micro-images.
-        by_share: standard uncertainty of both radii by that of the fall-off's share, px, signed,
-            shape (2,).
+        by_profile: covariance of both radii by how the profile was read, px^2, shape (2, 2).
     """
     shape = camera.sensor.resolution[1], camera.sensor.resolution[0]
     cone, kinds = cone_of(camera), kinds_of(camera)
@@ -76,7 +75,7 @@ def lattice_of(
     moved = by_vectors(white.grid.layout, tilted.vectors)
     pitch, angle = pitch_and_angle(white.grid.layout, tilted.vectors)
     pitch_variance = float((moved @ covariance @ moved.T)[0, 0])
-    sizes = _sizes_covariance(tilted, white, by_share, pitch_variance)
+    sizes = _sizes_covariance(tilted, white, by_profile, pitch_variance)
     light, doubt = _light(white, shape)
     large, small = tilted.values[RADII]
     return Lattice(
@@ -196,20 +195,21 @@ def _covariances(
     return shift @ (single * np.outer(grown, grown)) @ shift.T, common
 
 
-def _sizes_covariance(tilted: Tilted, white: WhitePicture, by_share: Array, pitch: float) -> Array:
+def _sizes_covariance(
+    tilted: Tilted, white: WhitePicture, by_profile: Array, pitch: float
+) -> Array:
     """Of (inside radius, outside radius, pitch): as radii scatter, and by light that the discs do
     not explain.
 
     Args:
         tilted: with the radii.
         white: as measured.
-        by_share: see ``lattice_of``.
+        by_profile: see ``lattice_of``.
         pitch: variance of the pitch, px^2.
     """
     by = np.array([[1.0, -1.0], [1.0, 1.0]])
     common = math.hypot(EDGE_PX, OF_MISFIT * white.misfit * white.profile.softness)
-    radii = tilted.covariance[RADII, RADII] + common**2 * np.eye(2)
-    radii += np.outer(by_share, by_share)
+    radii = tilted.covariance[RADII, RADII] + common**2 * np.eye(2) + by_profile
     sizes = np.zeros((3, 3))
     sizes[:2, :2], sizes[2, 2] = by @ radii @ by.T, pitch
     return sizes

@@ -7,7 +7,7 @@ its symmetric points the microlens stands. With overlap the brightest point is w
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,16 @@ class RoughLattice:
     def pitch(self) -> float:
         """Distance between neighbours."""
         return pitch_and_angle(self.layout, self.vectors)[0]
+
+    def seen_in_means(self, factor: int) -> "RoughLattice":
+        """The same where squares of so many pixels a side are averaged."""
+        return replace(
+            self,
+            vectors=self.vectors / factor,
+            origin=(self.origin - (factor - 1) / 2) / factor,
+            radius=self.radius / factor,
+            softness=self.softness / factor,
+        )
 
 
 def pitch_and_angle(layout: Layout, vectors: Array) -> tuple[float, float]:

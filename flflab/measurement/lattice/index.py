@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice
@@ -16,7 +15,6 @@ from flflab.measurement.lattice.kernel import GROUND, LIGHT, VALUES, WIDER
 from flflab.measurement.lattice.mean_profile import (
     Profile,
     measured_profile,
-    recentred,
     soft_disc,
 )
 from flflab.measurement.lattice.micro_images import (
@@ -24,10 +22,9 @@ from flflab.measurement.lattice.micro_images import (
     Model,
     expected,
     fit,
-    neighbours_within,
     with_ground,
 )
-from flflab.measurement.lattice.phase import displaced
+from flflab.measurement.lattice.neighbours import neighbours_within
 from flflab.measurement.lattice.pixels import Pixels
 from flflab.measurement.lattice.spread import Spread, spread
 
@@ -36,10 +33,14 @@ Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 FIRST = 4.0  # pitches from the origin: those that give the profile of all
+GROWTH = 1.6  # from ring to ring
+BENT = 40  # micro-images that show how a lattice bends
+BRIGHTEST = 2.0  # of the median light
 FEWEST = 6  # whole micro-images
 ENOUGH = 20  # for a profile of their own
 LEAST_LIGHT = 0.02  # of the brightest ones'
 WORST = 0.25  # of a micro-image's light: what it may leave
+ALIGN, STEPS = 6, 3  # of the first fit and of that of all
 UNLIKE, UNLIKE_WIDTH, UNLIKE_MISFIT = 4.0, 0.02, 0.03  # of three quarters; radii; of the light
 MOVED = 0.25  # of the pitch: how far from where it was expected
 OVERLAP = 1.04  # of half the pitch: wider micro-images are fitted together
@@ -93,7 +94,8 @@ def smooth_map(indices: Whole, centres: Array, degree: int, scale: float) -> Arr
 
 
 def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
-    """Find every micro-image where the phase of the light tells it.
+    """Find every micro-image from the middle outwards: those of each ring lie where the lattice
+    through all that were found puts them.
 
     Args:
         pixels: of the picture, looked at as sparsely as the rough radius allows.
@@ -102,53 +104,64 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
     Raises:
         MeasurementError: fewer than six whole ones.
     """
-    profile = soft_disc(rough.radius, rough.softness)
+    profile, shape = soft_disc(rough.radius, rough.softness), pixels.picture.shape
     joint = rough.radius + rough.softness / 2 > OVERLAP * rough.pitch / 2
-    indices = _candidates(rough, pixels.picture.shape, profile.end)
-    scale = float(np.abs(indices).max()) + 1.0
-    centres = _expected_places(pixels, rough, indices, scale)
-    values = np.zeros((len(indices), VALUES))
-    values[:, :2] = centres
-
     ground = pixels.noise.offset_dn if joint else None  # nowhere seen by itself
-    below = rough.background if ground is None else ground
+    indices = _candidates(rough, shape, profile.end)
+    away = np.hypot(*(indices @ (rough.vectors / rough.pitch).T).T)
+    values, below = np.zeros((len(indices), VALUES)), rough.background if ground is None else ground
+    values[:, :2] = rough.origin + indices @ rough.vectors.T
     values[:, LIGHT], values[:, GROUND] = rough.light + rough.background - below, below
-    found, shape = np.zeros(len(indices), dtype=np.bool_), pixels.picture.shape
-    there = _shown(centres, shape, 0.0)
-    first = there & (np.hypot(*(indices @ (rough.vectors / rough.pitch).T).T) <= FIRST)
-    for now in (first, there):
-        if not now.any():
+    found, looked = np.zeros(len(indices), dtype=np.bool_), np.zeros(len(indices), dtype=np.bool_)
+    rings = math.ceil(math.log(max(float(away.max()) / FIRST, 1.0)) / math.log(GROWTH)) + 1
+    for reach in FIRST * GROWTH ** np.arange(rings):
+        values[~found] = _likely(pixels, rough, indices, values, found)[~found]
+        fresh = np.flatnonzero(_shown(values[:, :2], shape, 0.0) & (away <= reach) & ~looked)
+        if len(fresh) == 0:
             continue
-        values, good = _fitted(pixels, values, now, found, profile, rough.pitch, joint, ground)
-        found |= good & (np.hypot(*(values[:, :2] - centres).T) < MOVED * rough.pitch)
-        values[~found, :2] = centres[~found]
-        members = np.flatnonzero(found & _shown(values[:, :2], shape, -profile.end))
-        if now is first and len(members) >= ENOUGH:
-            around = neighbours_within(values[:, :2], 2 * profile.end)
-            before = profile
-            profile = measured_profile(pixels, values, members, around, before)
-            values = recentred(values, profile, before, members)
+        prior = expected(values, profile, rough.pitch)
+        prior.spread[:, LIGHT] *= 4
+        if ground is not None:
+            prior = with_ground(prior, ground)
+        model = Model(profile, neighbours_within(values[:, :2], 2 * profile.end), prior, BLOB)
+        fitted = fit(pixels, values, fresh, model, STEPS if looked.any() else ALIGN)
+        doubt = spread(pixels, fitted, fresh, model)
+        near = np.hypot(*(fitted - values)[fresh, :2].T) < MOVED * rough.pitch
+        found[fresh] = near & looks_right(fitted[fresh], doubt, profile, rough.pitch)
+        members = np.flatnonzero(found & _shown(fitted[:, :2], shape, -profile.end))
+        if not looked.any() and len(members) >= ENOUGH:
+            profile, fitted = measured_profile(pixels, fitted, members, profile, ground is None)
+        values, looked[fresh] = fitted, True
     if np.count_nonzero(found) < FEWEST:
         raise MeasurementError(
             "white picture: is it one, of an evenly lit target, well exposed? It shows"
             f" {np.count_nonzero(found)} whole micro-images, {FEWEST} are needed; else show more of"
             " the array"
         )
-    degree = 1 if np.count_nonzero(found) < 24 else 3
-    smooth = smooth_map(indices[found], values[found, :2], degree, scale)
-    values[~found, :2] = (terms(indices.astype(np.float64), degree, scale) @ smooth)[~found]
+    values[~found] = _likely(pixels, rough, indices, values, found)[~found]
     return Indexed(indices, values, found, profile, joint, ground)
 
 
-def _expected_places(pixels: Pixels, rough: RoughLattice, indices: Whole, scale: float) -> Array:
-    """Where the phase of the light puts each lattice point, and a smooth map where it is weak."""
-    aside, strong = displaced(pixels.picture, rough.vectors, rough.origin, indices)
-    straight = rough.origin + indices @ rough.vectors.T
-    strong &= _shown(straight, pixels.picture.shape, 0.0)
-    degree = 0 if np.count_nonzero(strong) < 24 else 1 if np.count_nonzero(strong) < 80 else 3
-    smooth = smooth_map(indices[strong], aside[strong], degree, scale)
-    aside[~strong] = (terms(indices.astype(np.float64), degree, scale) @ smooth)[~strong]
-    return straight + aside
+def _likely(
+    pixels: Pixels, rough: RoughLattice, indices: Whole, values: Array, found: Flags
+) -> Array:
+    """Values where the lattice through those found puts all, as bright as the picture is there."""
+    likely, count = values.copy(), np.count_nonzero(found)
+    if count < FEWEST:
+        return likely
+    degree, scale = 1 if count < BENT else 2, float(np.abs(indices).max()) + 1.0
+    smooth = smooth_map(indices[found], values[found, :2], degree, scale)
+    likely[:, :2] = terms(indices.astype(np.float64), degree, scale) @ smooth
+    usual = np.median(values[found], axis=0)
+    likely[:, LIGHT:] = usual[LIGHT:]
+    # some pixels round each centre, for those beside the picture at its border
+    steps = np.array(list(itertools.product((-0.5, 0.0, 0.5), repeat=2))) * rough.radius
+    at = np.rint(likely[:, None, :2] + steps).astype(np.int64)
+    x, y = np.clip(at, 0, np.array(pixels.picture.shape[::-1]) - 1).transpose(2, 0, 1)
+    local = pixels.picture[y, x].mean(axis=1) - usual[GROUND]
+    level = local / max(float(np.median(local[found])), 1e-9)
+    likely[:, LIGHT] *= np.clip(level, LEAST_LIGHT, BRIGHTEST)
+    return likely
 
 
 def _candidates(rough: RoughLattice, shape: tuple[int, ...], reach: float) -> Whole:
@@ -168,41 +181,6 @@ def _shown(centres: Array, shape: tuple[int, ...], room: float) -> Flags:
     """Which lie on the picture or at most so far beside it."""
     top = np.array([shape[1], shape[0]]) - 0.5
     return np.all((centres > -0.5 - room) & (centres < top + room), axis=1)
-
-
-def _fitted(
-    pixels: Pixels,
-    values: Array,
-    now: Flags,
-    found: Flags,
-    profile: Profile,
-    pitch: float,
-    joint: bool,
-    ground: float | None,
-) -> tuple[Array, Flags]:
-    """Values with those that are looked at now fitted, and which look like micro-images."""
-    values = values.copy()
-    if found.any():
-        light = float(np.median(values[found, LIGHT]))
-        values[~found, LIGHT] = light
-        values[~found, GROUND] = float(np.median(values[found, GROUND]))
-        values[~found, WIDER] = float(np.median(values[found, WIDER]))
-    # those beside them light their pixels too
-    beside = KDTree(values[now, :2]).query(values[:, :2])[0] < 2 * profile.end
-    members = np.flatnonzero(now | beside)
-    some, fresh = values[members], np.flatnonzero(now[members])
-    around = neighbours_within(some[:, :2], 2 * profile.end)
-    prior = expected(some, profile, pitch)
-    prior.spread[:, LIGHT] *= 4
-    if ground is not None:
-        prior = with_ground(prior, ground)
-    model = Model(profile, around, prior, BLOB, joint)
-    some = fit(pixels, some, fresh, model, 8 if joint else 3)
-    doubt = spread(pixels, some, fresh, model)
-    values[members] = some
-    good = np.zeros(len(values), dtype=np.bool_)
-    good[members[fresh]] = looks_right(some[fresh], doubt, profile, pitch)
-    return values, good
 
 
 def looks_right(values: Array, doubt: Spread, profile: Profile, pitch: float) -> Flags:

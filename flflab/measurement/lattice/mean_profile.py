@@ -1,12 +1,15 @@
 """The light across a micro-image that all of a picture share, as the picture shows it."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
+from scipy.spatial import KDTree
 
 from flflab.measurement.lattice.kernel import LIGHT, SOFTER, WIDER, sum_profile
+from flflab.measurement.lattice.neighbours import neighbours_within
 from flflab.measurement.lattice.pixels import Pixels, in_bands
 
 Array = npt.NDArray[np.float64]
@@ -18,6 +21,9 @@ KNOTS_PX = 0.5  # least distance between knots of the profile
 MOST_KNOTS = 160
 PROFILED = 400  # micro-images that make the profile, at most
 LIT = 0.3  # of the median light: darker ones would be taken for the profile's own darkness
+AROUND = 0.05, 2.0  # of the radius, and px: how far beyond the light the ground is looked at
+NEXT = 1.2  # of the pitch: the next ones light the ground even where none touch
+BEYOND = 6  # knots beyond it, that tell the level beneath all of it
 STIFF = 1e-4  # how much a bend of the profile counts against a pixel
 
 
@@ -29,11 +35,13 @@ class Profile:
         radius: at half light, px.
         step: between entries of the table, px.
         table: value, and slope a px, shape (n, 2).
+        pixel: side of the squares over which it is averaged, px.
     """
 
     radius: float
     step: float
     table: Array
+    pixel: int = 1
 
     @property
     def end(self) -> float:
@@ -63,27 +71,37 @@ def soft_disc(radius: float, softness: float) -> Profile:
 
 
 def measured_profile(
-    pixels: Pixels, values: Array, members: Whole, neighbours: Whole, before: Profile
-) -> Profile:
-    """The profile that micro-images show, by least squares on their pixels.
+    pixels: Pixels,
+    values: Array,
+    members: Whole,
+    before: Profile,
+    grounded: bool,
+) -> tuple[Profile, Array]:
+    """The profile that micro-images show, by least squares on their pixels, and their values
+    beside it.
 
     Args:
         pixels: of the picture.
         values: of all micro-images.
         members: those that count, where they are not dark beside the others.
-        neighbours: of all.
         before: the profile that the values belong to.
+        grounded: whether each has a ground of its own, which the profile then leaves out.
     """
     light = values[members, LIGHT]
     some = members[light > LIT * float(np.median(light))]
     some = some[:: max(1, len(some) // PROFILED)]
     spacing = max(KNOTS_PX, before.end / MOST_KNOTS)
-    count = int(before.end / spacing) + 4
-    every = np.full(len(values), pixels.every, dtype=np.int64)
-    spline = spacing, count, before.radius, before.end
+    # where no gap shows the ground it does not tell light that goes far from none
+    length = before.end + (BEYOND * spacing if grounded else 0.0)
+    count = int(length / spacing) + 4
+    near = KDTree(values[members, :2]).query(values[members, :2], 2)[0][:, 1]
+    pitch = float(np.median(near))
+    neighbours = neighbours_within(values[:, :2], max(2 * before.end, NEXT * pitch))
+    spline = spacing, count, length
+    shape = before.table, before.radius, before.step
     parts = in_bands(
         lambda band: sum_profile(
-            pixels.picture, band, values, neighbours, spline, every, pixels.numbers
+            pixels.picture, band, values, neighbours, shape, spline, pixels.every, pixels.numbers
         ),
         some,
     )
@@ -96,51 +114,30 @@ def measured_profile(
     slope[0, [0, 2]] = -1, 1
     end = np.eye(count)[-3:]
     system += weight * (slope.T @ slope + end.T @ end)
-    coefficients = np.linalg.solve(system, right)
-    knots = (np.arange(count + 4) - 3) * spacing
-    curve = BSpline(knots, coefficients, 3)
-    step = spacing * (count - 3) / POINTS
+    curve = BSpline((np.arange(count + 4) - 3) * spacing, np.linalg.solve(system, right), 3)
+    # as wide and soft as they are on average
+    usual = np.median(values[members][:, [WIDER, SOFTER]], axis=0)
+    shrink, last = math.exp(-usual[1]), spacing * (count - 3)
+    step = (before.radius + usual[0] + (last - before.radius) / shrink) / POINTS
     r = np.arange(POINTS + 2) * step
-    inside = np.minimum(r, spacing * (count - 3) - 1e-9)
-    value, fall = curve(inside), curve(inside, 1)
+    at = np.clip(before.radius + (r - before.radius - usual[0]) * shrink, 0.0, last - 1e-9)
+    value, fall = curve(at), curve(at, 1) * shrink
+    if grounded:
+        tail = (at > last - BEYOND * spacing) & (at < last - 3 * spacing)
+        value = np.maximum(value - max(float(value[tail].mean()), 0.0), 0.0)
     top = float(value[r < 0.3 * before.radius].mean())
     table = np.stack([value, fall], axis=1) / top
-    table = table[: int(np.flatnonzero(table[:, 0] > FAINT)[-1]) + int(2 * spacing / step) + 2]
-    table[-2:] = 0.0
     above = np.flatnonzero(table[:, 0] >= 0.5)
-    last = int(above[-1]) if len(above) else 0
-    here, there = table[last, 0], table[min(last + 1, len(table) - 1), 0]
-    radius = (last + (here - 0.5) / max(here - there, 1e-12)) * step
-    return Profile(float(radius), step, table)
-
-
-def above_ground(profile: Profile) -> Profile:
-    """The profile without a level beneath all of it, where each micro-image has its own ground.
-
-    A level is one that half of what lies between the rims shows.
-    """
-    r = np.arange(len(profile.table)) * profile.step
-    around = (r > profile.radius) & (r < r[-1] - 3 * max(KNOTS_PX, r[-1] / MOST_KNOTS))
-    light = profile.table[around, 0]
-    level = float(light.min(initial=1.0))
-    flat = np.count_nonzero(light < level + FAINT)
-    if level < FAINT or flat < max(1, len(light)) / 2:
-        return profile
-    table = profile.table / (1 - level)
-    table[:, 0] = np.maximum(0.0, table[:, 0] - level / (1 - level))
-    last = int(np.flatnonzero(table[:, 0] > FAINT)[-1])
-    table = table[: last + 2]
-    table[-2:] = 0.0
-    above = int(np.flatnonzero(table[:, 0] >= 0.5)[-1])
-    here, there = table[above, 0], table[min(above + 1, len(table) - 1), 0]
-    radius = (above + (here - 0.5) / max(here - there, 1e-12)) * profile.step
-    return Profile(float(radius), profile.step, table)
-
-
-def recentred(values: Array, profile: Profile, before: Profile, members: Whole) -> Array:
-    """Values that belong to a new profile: as wide and soft on average as it is."""
-    found = values.copy()
-    found[:, WIDER] += before.radius - profile.radius
-    found[:, WIDER] -= np.median(found[members, WIDER])
-    found[:, SOFTER] -= np.median(found[members, SOFTER])
-    return found
+    outer = int(above[-1]) if len(above) else 0
+    # what shows again beyond darkness is no light
+    faint = np.flatnonzero(table[outer:, 0] < FAINT)
+    lit = (outer + int(faint[0]) if len(faint) else len(table)) + int(2 * spacing / step)
+    # where neighbours leave room, the ground beyond it is looked at
+    room = pitch / 2 - lit * step
+    around = int(min(max(room, 0.0), max(AROUND[0] * before.radius, AROUND[1])) / step)
+    table = np.concatenate([table[:lit], np.zeros((around, 2))])
+    here, there = table[outer, 0], table[min(outer + 1, len(table) - 1), 0]
+    radius = (outer + (here - 0.5) / max(here - there, 1e-12)) * step
+    beside = values.copy()
+    beside[:, [WIDER, SOFTER]] -= usual
+    return Profile(float(radius), step, table), beside

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
-from threadpoolctl import threadpool_limits
+from scipy.sparse import bsr_array
+from scipy.sparse.linalg import gmres
 
 from flflab.measurement.lattice.kernel import (
     GROUND,
     LIGHT,
-    OUTLIER,
     SLOPE_X,
     SLOPE_Y,
     SOFTER,
@@ -21,7 +20,6 @@ from flflab.measurement.lattice.kernel import (
     X,
     Y,
     sum_up,
-    with_neighbours,
 )
 from flflab.measurement.lattice.mean_profile import Profile
 from flflab.measurement.lattice.pixels import Pixels, in_bands
@@ -30,35 +28,25 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 BLOB, DISC = WIDER + 1, VALUES  # how many values are fitted: a blob's slope is no more than a shift
-AT_ONCE = 1024  # systems of neighbours in memory
-MOST = 18  # neighbours: two rings of a hexagonal lattice
-DAMPED = 1e-3  # first damping of a step, relative
+CLOSE, MOST_STEPS = (
+    1e-2,
+    20,
+)  # of what a step asks for, that conjugate gradients leave; their number
 WIDEST, SOFTEST = 0.6, 1.2  # of the radius; logarithm of the softness
 LONGEST_SLOPE = 0.05  # by which a slope may change at once
 
 
 @dataclass(frozen=True)
 class Sums:
-    """What a pass over the pixels of micro-images adds up to, by ``sum_up``."""
+    """What a pass over the pixels of micro-images adds up to, by ``sum_up``; what is expected of
+    them is counted in ``normal``, and beside ``right`` it is ``before``.
+    """
 
     normal: Array
     cross: Array
     right: Array
+    before: Array
     fit: Array
-
-
-def neighbours_within(centres: Array, reach: float) -> Whole:
-    """Positions of the other micro-images whose centres lie nearer, of the nearest ``MOST``; -1
-    where there is none.
-    """
-    most = min(MOST, len(centres) - 1)
-    if most < 1:
-        return np.full((len(centres), 1), -1, dtype=np.int64)
-    found = KDTree(centres).query(centres, most + 1, distance_upper_bound=reach)[1]
-    found = np.where(found == np.arange(len(centres))[:, None], len(centres), found)
-    found = np.sort(found, axis=1)[:, :most].astype(np.int64)
-    found[found == len(centres)] = -1
-    return found[:, : max(1, int((found >= 0).sum(axis=1).max()))]
 
 
 @dataclass(frozen=True)
@@ -106,14 +94,12 @@ class Model:
         neighbours: of all, -1 where there is none, shape (n, most).
         prior: what is expected of all.
         size: how many of the values are fitted, ``BLOB`` or ``DISC``.
-        joint: whether neighbours move along, as where they overlap.
     """
 
     profile: Profile
     neighbours: Whole
     prior: Expected
     size: int
-    joint: bool
 
 
 def extents_of(values: Array, profile: Profile) -> Array:
@@ -123,19 +109,11 @@ def extents_of(values: Array, profile: Profile) -> Array:
     return np.stack([shrink, np.maximum(reach, 1.0) ** 2], axis=1)
 
 
-def sums(
-    pixels: Pixels,
-    values: Array,
-    members: Whole,
-    model: Model,
-    sectors: int = 1,
-) -> Sums:
-    """One pass over the pixels of the members."""
-    every = np.full(len(values), pixels.every, dtype=np.int64)
-    profile = model.profile
+def sums(pixels: Pixels, values: Array, members: Whole, model: Model, sectors: int = 1) -> Sums:
+    """One pass over the pixels of the members, what is expected of them counted in."""
+    profile, size = model.profile, model.size
     shape = profile.table, profile.radius, profile.step
-    extents = extents_of(values, profile)
-    numbers = pixels.numbers
+    extents, numbers = extents_of(values, profile), pixels.numbers
     parts = in_bands(
         lambda band: sum_up(
             pixels.picture,
@@ -144,26 +122,21 @@ def sums(
             extents,
             model.neighbours,
             shape,
-            every,
+            pixels.every,
             numbers,
-            model.size,
-            model.joint,
             sectors,
         ),
         members,
     )
-    return Sums(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    normal, cross, right, fit = (np.concatenate(part) for part in zip(*parts, strict=True))
+    precision = 1 / model.prior.spread[members, :size] ** 2
+    normal = normal[:, :size, :size] + precision[:, :, None] * np.eye(size)
+    before = precision * (model.prior.mean - values)[members, :size]
+    return Sums(normal, cross[:, :, :size, :size], right[:, :, :size], before, fit)
 
 
-def fit(
-    pixels: Pixels,
-    start: Array,
-    members: Whole,
-    model: Model,
-    rounds: int,
-) -> Array:
-    """Values of micro-images after so many damped steps each; a step that does not help is taken
-    back.
+def fit(pixels: Pixels, start: Array, members: Whole, model: Model, rounds: int) -> Array:
+    """Values of micro-images after so many steps of all together.
 
     Args:
         pixels: to be fitted.
@@ -172,121 +145,37 @@ def fit(
         model: to be fitted with.
         rounds: number of steps.
     """
-    values, prior, size, neighbours = start.copy(), model.prior, model.size, model.neighbours
-    touching = bool((neighbours[members] >= 0).any())
-    groups = _apart(members, neighbours) if touching and not model.joint else [members]
-    states = [_State.begun(values[group], size) for group in groups]
+    values, size, spread = start.copy(), model.size, model.prior.spread[members]
+    longest = 0.5 * spread[:, :size]
+    longest[:, SLOPE_X:] = np.maximum(longest[:, SLOPE_X:], LONGEST_SLOPE)
+    widest = WIDEST * model.profile.radius
     for _ in range(rounds):
-        for group, state in zip(groups, states, strict=True):
-            found = sums(pixels, values, group, model)
-            off = ((prior.mean - values) / prior.spread)[group][:, :size]
-            cost = found.fit[:, 0] + OUTLIER * found.fit[:, 2] + np.sum(off**2, axis=1)
-            normal, right = with_prior(found, prior, values, group, size)
-            state.take(cost, values[group], normal, right, touching)
-            if model.joint:
-                step = solved_together(group, neighbours, found, normal, right)[0]
-            else:
-                step = _steps(state.normal, state.right, state.damping)
-            longest = 0.5 * prior.spread[group][:, :size]
-            longest[:, SLOPE_X:] = np.maximum(longest[:, SLOPE_X:], LONGEST_SLOPE)
-            limit = np.min(longest / np.maximum(np.abs(step), 1e-300), axis=1, initial=1.0)
-            trial = state.values.copy()
-            trial[:, :size] += step * limit[:, None]
-            _bound(trial, model.profile)
-            fine = np.all(np.isfinite(trial), axis=1, keepdims=True)
-            values[group] = np.where(fine, trial, state.values)
+        step = _step(sums(pixels, values, members, model), members, model.neighbours)
+        limit = np.min(longest / np.maximum(np.abs(step), 1e-300), axis=1, initial=1.0)
+        values[members, :size] += np.where(np.isfinite(step), step * limit[:, None], 0.0)
+        values[:, WIDER] = np.clip(values[:, WIDER], -widest, widest)
+        values[:, SOFTER] = np.clip(values[:, SOFTER], -SOFTEST, SOFTEST)
     return values
 
 
-def _bound(values: Array, profile: Profile) -> None:
-    """Keep widths and softness where they are a micro-image's, in place."""
-    widest = WIDEST * profile.radius
-    values[:, WIDER] = np.clip(values[:, WIDER], -widest, widest)
-    values[:, SOFTER] = np.clip(values[:, SOFTER], -SOFTEST, SOFTEST)
-
-
-@dataclass
-class _State:
-    """The best values so far of some micro-images, and what leads on from there."""
-
-    values: Array
-    cost: Array
-    normal: Array
-    right: Array
-    damping: Array
-
-    @classmethod
-    def begun(cls, values: Array, size: int) -> "_State":
-        count = len(values)
-        system = np.tile(np.eye(size), (count, 1, 1))
-        begun = np.full(count, np.inf), system, np.zeros((count, size)), np.full(count, DAMPED)
-        return cls(values.copy(), *begun)
-
-    def take(self, cost: Array, values: Array, normal: Array, right: Array, touching: bool) -> None:
-        """Keep what is better; beside neighbours that moved too costs do not compare."""
-        better = (cost <= self.cost * (1 + 1e-9)) | touching
-        self.cost[better], self.values[better] = cost[better], values[better]
-        self.normal[better], self.right[better] = normal[better], right[better]
-        if not touching:
-            changed = np.where(better, self.damping / 10, self.damping * 20)
-            self.damping = np.clip(changed, 1e-9, 1e6)
-
-
-def _apart(members: Whole, neighbours: Whole) -> list[Whole]:
-    """The members in groups in which no two are neighbours, by the smallest free number."""
-    colour = np.full(len(neighbours), -1, dtype=np.int64)
-    for member in members:
-        near = neighbours[member]
-        taken = set(colour[near[near >= 0]].tolist())
-        colour[member] = next(k for k in range(len(taken) + 1) if k not in taken)
-    return [members[colour[members] == k] for k in range(int(colour[members].max()) + 1)]
-
-
-def with_prior(
-    found: Sums, prior: Expected, values: Array, members: Whole, size: int
-) -> tuple[Array, Array]:
-    """Normal matrices and right sides, what is expected counted in."""
-    precision = 1 / prior.spread[members][:, :size] ** 2
-    normal = found.normal + precision[:, :, None] * np.eye(size)
-    right = found.right.sum(axis=1) + precision * (prior.mean - values)[members][:, :size]
-    return normal, right
-
-
-def _steps(system: Array, side: Array, damping: Array) -> Array:
-    """Damped steps, each system scaled to a diagonal of one."""
-    scale = np.sqrt(np.einsum("nkk->nk", system))
-    scaled = system / (scale[:, :, None] * scale[:, None, :])
-    scaled += damping[:, None, None] * np.eye(system.shape[1])
-    return np.linalg.solve(scaled, (side / scale)[:, :, None])[:, :, 0] / scale
-
-
-def solved_together(
-    members: Whole, neighbours: Whole, found: Sums, normal: Array, right: Array
-) -> tuple[Array, Array]:
-    """Steps and inverses of each, its neighbours free beside it and theirs held; neighbours that
-    are no members are held too.
-    """
-    place = np.full(int(max(neighbours.max(initial=0), members.max(initial=0))) + 1, -1)
+def _step(found: Sums, members: Whole, neighbours: Whole) -> Array:
+    """What all members move by together, shape (n, size); each by itself is the preconditioner."""
+    inverse, right = inverses(found.normal), found.right.sum(axis=1) + found.before
+    if not found.cross.any():
+        return np.einsum("nab,nb->na", inverse, right)
+    place = np.full(max(int(neighbours.max()), int(members.max())) + 1, -1)
     place[members] = np.arange(len(members))
-    around = np.where(neighbours[members] >= 0, place[neighbours[members]], -1)
-    steps, inverted = np.zeros(right.shape), np.zeros(normal.shape)
-    size = right.shape[1]
-    for part in np.array_split(np.arange(len(members)), -(-len(members) // AT_ONCE)):
-        systems, sides = with_neighbours(part, around, normal, found.cross, right)
-        scale = np.sqrt(np.einsum("nkk->nk", systems))
-        scaled = systems / (scale[:, :, None] * scale[:, None, :])
-        own = np.broadcast_to(np.eye(scaled.shape[1])[:, :size], (*scaled.shape[:2], size))
-        with threadpool_limits(1, "blas"):  # threads wait for each other longer than they work
-            inverse = np.linalg.solve(scaled, own).transpose(0, 2, 1)
-        steps[part] = np.einsum("nak,nk->na", inverse, sides / scale) / scale[:, :size]
-        inverted[part] = inverse[:, :, :size] / (scale[:, :size, None] * scale[:, None, :size])
-    # systems cut off at the border of the picture may be none: then each is taken by itself
-    alone = inverses(normal)
-    sure = np.einsum("nkk->nk", inverted) >= 0.99 * np.einsum("nkk->nk", alone)
-    single = ~(np.isfinite(steps).all(axis=1) & sure.all(axis=1))
-    inverted[single] = alone[single]
-    steps[single] = np.einsum("nab,nb->na", alone[single], right[single])
-    return steps, inverted
+    beside = np.where(neighbours[members] >= 0, place[neighbours[members]], -1)
+    blocks = np.concatenate([found.normal[:, None], found.cross], axis=1)
+    columns = np.column_stack([np.arange(len(members)), beside])
+    kept = columns >= 0
+    starts = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
+    count = right.size
+    system = bsr_array((blocks[kept], columns[kept], starts), shape=(count, count))
+    rows = np.arange(len(members) + 1)
+    alone = bsr_array((inverse, rows[:-1], rows), shape=(count, count))
+    step, _ = gmres(system, right.ravel(), rtol=CLOSE, restart=MOST_STEPS, maxiter=1, M=alone)
+    return np.asarray(step, dtype=np.float64).reshape(right.shape)
 
 
 def inverses(normal: Array) -> Array:

@@ -23,11 +23,9 @@ from flflab.optics.resolution import central_smms
 
 Array = npt.NDArray[np.float64]
 
-VALUE, BY_LARGE, BY_SMALL, FALLOFF, LOPSIDED = range(5)
+VALUE, FALLOFF, LOPSIDED = range(3)
 SMALLEST_PX = 0.05  # radius of a disc: a smaller one cannot be told from it
-NUDGE = 0.01  # px by which a radius is moved for its derivative
-_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
-_CHORD, _CHORD_WEIGHTS = np.polynomial.legendre.leggauss(12)
+_GAUSS, _CHORD = np.polynomial.legendre.leggauss(6), np.polynomial.legendre.leggauss(12)
 _RADII = 193  # at which the fall-off is averaged over the pupil
 
 
@@ -75,9 +73,8 @@ class ProfileTable:
 
     Attributes:
         step: distance between entries, px.
-        values: columns: value, and of it the derivatives by the larger and by the smaller radius,
-            and by the share of the fall-off that is counted; last what a unit of slant adds along
-            its direction; (n, 5).
+        values: columns: value, what all of the fall-off adds to it, and what a unit of slant adds
+            along its direction; (n, 3).
     """
 
     step: float
@@ -140,101 +137,67 @@ def _tabulate(
     small: float,
     by_place: float,
     rim: float,
-    share: float,
     step: float,
-    gauss: Array,
-    weights: Array,
-    chord: Array,
-    chord_weights: Array,
+    gauss: tuple[Array, Array],
+    chord: tuple[Array, Array],
 ) -> Array:  # pragma: no cover - compiled
-    outside = large + small
+    outside, finer = large + small, step / 4
     count = math.ceil((outside + 1.0) / step) + 1
-    table = np.zeros((count, 5))
-    means = np.zeros((_RADII, 2))
-    spacing = outside / (_RADII - 1)
+    means, spacing = np.zeros((_RADII, 2)), outside / (_RADII - 1)
     for n in range(_RADII):
-        _pupil_means(means[n], n * spacing, large, small, by_place, rim, chord, chord_weights)
+        _pupil_means(means[n], n * spacing, large, small, by_place, rim, chord[0], chord[1])
     means /= means[0, 0]
-    finer = step / 4
-    fine_count = math.ceil((step * count + 1.0) / finer) + 2
-    fine = np.zeros((fine_count, 3))
-    for n in range(fine_count):
-        r = n * finer
-        if r > outside + 2 * NUDGE:
-            break
-        place = min(r / spacing, _RADII - 1.001)
+    fine = np.zeros((math.ceil((step * count + 1.0) / finer) + 2, 3))
+    for n in range(min(len(fine), math.ceil(outside / finer))):
+        place = min(n * finer / spacing, _RADII - 1.001)
         k = int(place)
-        falloff = 1 + share * (means[k, 0] + (place - k) * (means[k + 1, 0] - means[k, 0]) - 1)
-        fine[n, 0] = falloff * two_disc_area(large, small, r) / (math.pi * small * small)
-        fine[n, 1] = falloff * two_disc_area(large + NUDGE, small, r) / (math.pi * small * small)
-        fine[n, 2] = (
-            falloff * two_disc_area(large, small + NUDGE, r) / (math.pi * (small + NUDGE) ** 2)
-        )
-    for n in range(count - 2):
-        r = n * step
-        for turn in range(3):
-            # along a side, along the diagonal and between: so that the eighth of a turn of the
-            # direction is averaged out of the value
-            angle, part = 0.125 * math.pi * turn, 0.5 if turn == 1 else 0.25
-            cos, sin = math.cos(angle), math.sin(angle)
-            for p in range(len(gauss)):
-                for q in range(len(gauss)):
-                    gx, gy = 0.5 * gauss[p], 0.5 * gauss[q]
-                    weight = 0.25 * weights[p] * weights[q]
-                    place = math.hypot(r + cos * gx - sin * gy, sin * gx + cos * gy) / finer
+        mean = means[k] + (place - k) * (means[k + 1] - means[k])
+        fine[n] = two_disc_area(large, small, n * finer) / (math.pi * small * small)
+        fine[n, FALLOFF] *= mean[0] - 1
+        fine[n, LOPSIDED] *= mean[1]
+    table = np.zeros((count, 3))
+    for turn in range(3):
+        # along a side, along the diagonal and between: so that the eighth of a turn of the
+        # direction is averaged out of the value
+        angle, part = 0.125 * math.pi * turn, 0.5 if turn == 1 else 0.25
+        cos, sin = math.cos(angle), math.sin(angle)
+        for p in range(len(gauss[0])):
+            for q in range(len(gauss[0])):
+                x, y = 0.5 * gauss[0][p], 0.5 * gauss[0][q]
+                weight = 0.25 * gauss[1][p] * gauss[1][q] * part
+                for n in range(count - 2):
+                    place = math.hypot(n * step + cos * x - sin * y, sin * x + cos * y) / finer
                     k = int(place)
-                    t = place - k
-                    value = fine[k, 0] + t * (fine[k + 1, 0] - fine[k, 0])
-                    table[n, VALUE] += part * weight * value
-                    table[n, BY_LARGE] += (
-                        part * weight * (fine[k, 1] + t * (fine[k + 1, 1] - fine[k, 1]) - value)
-                    )
-                    table[n, BY_SMALL] += (
-                        part * weight * (fine[k, 2] + t * (fine[k + 1, 2] - fine[k, 2]) - value)
-                    )
-        place = min(r / spacing, _RADII - 1.001)
-        k = int(place)
-        even = means[k, 0] + (place - k) * (means[k + 1, 0] - means[k, 0])
-        pure = table[n, VALUE] / (1 + share * (even - 1))
-        table[n, FALLOFF] = pure * (even - 1)
-        table[n, LOPSIDED] = pure * (means[k, 1] + (place - k) * (means[k + 1, 1] - means[k, 1]))
-    for n in range(count - 2):
-        table[n, BY_LARGE] /= NUDGE
-        table[n, BY_SMALL] /= NUDGE
+                    for c in range(3):
+                        mean = fine[k, c] + (place - k) * (fine[k + 1, c] - fine[k, c])
+                        table[n, c] += weight * mean
     # straight lines between points of a bend lie to one side of it: entries between which they lie
     # on both sides alike
-    before = table[1, VALUE]
-    for n in range(count - 2):
-        here = table[n, VALUE]
-        table[n, VALUE] -= (table[n + 1, VALUE] - 2 * here + before) / 12
-        before = here
+    for c in range(3):
+        before = table[1, c]
+        for n in range(count - 2):
+            here = table[n, c]
+            table[n, c] -= (table[n + 1, c] - 2 * here + before) / 12
+            before = here
     return table
-
-
-def table_step(large: float, small: float) -> float:
-    """Distance between a table's entries, px."""
-    return min(0.0625, max(0.01, (large + small) / 400))
 
 
 def profile_table(
     large: float,
     small: float,
     cone: Cone | None = None,
-    share: float = 0.0,
-    step: float | None = None,
+    pixel: float = 1.0,
 ) -> ProfileTable:
-    """Tabulate the profile of two radii in px with its derivatives.
+    """Tabulate the profile of two radii in px.
 
     Args:
         large: radius of the one disc, the main lens's shadow, px.
         small: of the other, the microlens's, px; above 0.
         cone: how steeply rays land; None where fall-off is not asked for.
-        share: of the symmetric fall-off that is counted, 0 to 1.
-        step: distance between entries, px; None: ``table_step``.
+        pixel: side of the squares over which it is averaged, px.
     """
-    step = step or table_step(large, small)
+    large, small = large / pixel, small / pixel
+    step = min(0.0625, max(0.01, (large + small) / 400))
     by_place, rim = (0.0, 0.0) if cone is None else (cone.by_place, cone.rim)
-    values = _tabulate(
-        large, small, by_place, rim, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS
-    )
-    return ProfileTable(step, values)
+    values = _tabulate(large, small, by_place * pixel, rim, step, _GAUSS, _CHORD)
+    return ProfileTable(step * pixel, values)

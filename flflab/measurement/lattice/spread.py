@@ -9,9 +9,7 @@ from flflab.measurement.lattice.kernel import LIGHT, SLOPE_X, SLOPE_Y, VALUES, X
 from flflab.measurement.lattice.micro_images import (
     Model,
     inverses,
-    solved_together,
     sums,
-    with_prior,
 )
 from flflab.measurement.lattice.pixels import Pixels
 
@@ -59,13 +57,9 @@ def spread(
     """
     size = model.size
     found = sums(pixels, values, members, model, SECTORS)
-    normal, right = with_prior(found, model.prior, values, members, size)
-    if model.joint:
-        inverse = solved_together(members, model.neighbours, found, normal, right)[1]
-    else:
-        inverse = inverses(normal)
-    count = np.maximum(found.fit[:, 1], 1.0)
-    noise = np.clip(found.fit[:, 5] / count, 1e-9, 1.0)
+    inverse = inverses(found.normal)
+    count = np.maximum(found.fit[:, 0], 1.0)
+    noise = np.clip(found.fit[:, 3] / count, 1e-9, 1.0)
     pairs = found.right[:, : SECTORS // 2] + found.right[:, SECTORS // 2 :]
     moved = np.einsum("nab,nsb->nsa", inverse, pairs)
     moved -= moved.mean(axis=1, keepdims=True)
@@ -77,13 +71,13 @@ def spread(
     grown = np.sqrt(np.maximum(pooled, 1.0))
     covariance = np.zeros((len(members), VALUES, VALUES))
     covariance[:, :size, :size] = white * grown[:, :, None] * grown[:, None, :]
-    alike = np.maximum(found.fit[:, 3] / count, 0.0)
+    alike = np.maximum(found.fit[:, 2] / count, 0.0)
     light = np.maximum(np.abs(values[members, LIGHT]), 1e-9)
     return Spread(
         covariance,
         np.sqrt(alike) / light,
+        found.fit[:, 0],
         found.fit[:, 1],
-        found.fit[:, 2],
         np.einsum("naa->na", inverse),
         noise[:, None] * grown**2,
         _by_slope(inverse),

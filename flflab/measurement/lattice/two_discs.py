@@ -8,10 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from flflab.measurement.lattice.mean_profile import Profile
+from flflab.measurement.lattice.mean_profile import KNOTS_PX, Profile
 from flflab.measurement.lattice.profile import (
-    BY_LARGE,
-    BY_SMALL,
     FALLOFF,
     LOPSIDED,
     SMALLEST_PX,
@@ -22,8 +20,9 @@ from flflab.measurement.lattice.profile import (
 
 Array = npt.NDArray[np.float64]
 
+LIKELY_SHARE, LOOSE_SHARE = 0.5, 0.5  # of natural fall-off: mean and spread of what is expected
+NUDGE = 0.01  # px by which a radius is moved for what it does to the light
 SHOWN = 0.02  # of the light: what a rough profile shows of its end
-AROUND = 0.05, 2.0  # of the radius, and px: how far beyond the light the ground is looked at
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,6 @@ class TwoDiscs:
         radii: larger and smaller disc, px, shape (2,).
         profile: the light across.
         by_values: how the radii move with ``WIDER`` and ``SOFTER``, shape (2, 2).
-        by_share: how the radii move with the share of fall-off, shape (2,).
         shift_px: how far light that falls off along a micro-image's middle ray moves what is
             fitted as its centre, px per unit of that ray's slope.
         slope: what the same makes of the fitted slope of the light, per unit.
@@ -43,7 +41,6 @@ class TwoDiscs:
     radii: Array
     profile: Profile
     by_values: Array
-    by_share: Array
     shift_px: float
     slope: float
 
@@ -55,19 +52,36 @@ class Shape:
     Attributes:
         cone: how rays land.
         share: of natural fall-off that there is.
-        share_spread: standard uncertainty of that.
         dark: variance of pixels without light over what light adds to it in the brightest ones:
             these weights are those of the fit.
+        pixel: side of the squares over which it is averaged, px.
     """
 
     cone: Cone
     share: float
-    share_spread: float
     dark: float
+    pixel: int
 
-    def weights(self, r: Array, light: Array) -> Array:
-        """Roots of the weights of rings of pixels, shape (n,)."""
-        return np.sqrt(r / (self.dark + np.maximum(light, 0.0)))
+
+@dataclass(frozen=True)
+class SeenDiscs:
+    """Discs read off a profile.
+
+    Attributes:
+        radii: larger and smaller, px, shape (2,).
+        share: of natural fall-off that there is.
+        covariance: of the radii, by what the discs leave of the profile and by the share, px^2,
+            shape (2, 2).
+    """
+
+    radii: Array
+    share: float
+    covariance: Array
+
+
+def _weights(dark: float, r: Array, light: Array) -> Array:
+    """Roots of the weights of rings of pixels, shape (n,)."""
+    return np.sqrt(r / (dark + np.maximum(light, 0.0)))
 
 
 def two_discs(radii: Array, shape: Shape) -> TwoDiscs:
@@ -79,36 +93,39 @@ def two_discs(radii: Array, shape: Shape) -> TwoDiscs:
         radii: larger and smaller disc, px, shape (2,).
         shape: what else the light depends on.
     """
-    large, small = np.maximum(radii, SMALLEST_PX).tolist()
-    table = profile_table(large, small, shape.cone, shape.share)
-    values, r = table.values / table.values[0, VALUE], _entries(len(table.values), table.step)
-    light = values[:, VALUE]
-    fall = np.asarray(np.gradient(light, table.step), dtype=np.float64)
-    radius = _half(light) * table.step
-    weights = shape.weights(r, light)[:, None]
+    radii = np.maximum(radii, SMALLEST_PX * shape.pixel)
+    light, lopsided, step = _light(radii, shape)
+    r = _entries(len(light), step)
+    fall = np.asarray(np.gradient(light, step), dtype=np.float64)
+    radius = _half(light) * step
+    weights = _weights(shape.dark, r, light)[:, None]
+    wider = [
+        np.interp(r, _entries(len(there), further), there, right=0.0) - light
+        for there, _, further in (_light(radii + NUDGE * one, shape) for one in np.eye(2))
+    ]
 
-    def fitted(by: list[Array], seen: Array) -> Array:
-        found = np.linalg.lstsq(np.stack(by, axis=1) * weights, seen * weights, rcond=None)[0]
-        return np.asarray(found, dtype=np.float64)
+    def fitted(by: list[Array], seen: list[Array]) -> Array:
+        design, rest = np.stack(by, axis=1) * weights, np.stack(seen, axis=1) * weights
+        return np.asarray(np.linalg.lstsq(design, rest, rcond=None)[0], dtype=np.float64)
 
-    odd = fitted([-fall, r / radius * light], values[:, LOPSIDED, None])
-    even = fitted(
-        [light, np.ones_like(r), -fall, -fall * (r - radius)],
-        values[:, [BY_LARGE, BY_SMALL, FALLOFF]],
-    )
-    by_values = np.asarray(np.linalg.inv(even[2:, :2]), dtype=np.float64)
-    beyond = int(max(AROUND[0] * radius, AROUND[1]) / table.step)
-    shown = np.zeros((len(r) + beyond, 2))
-    shown[: len(r)] = np.stack([light, fall], axis=1)
-    shown[len(r) - 2 :] = 0.0
+    odd = fitted([-fall, r / radius * light], [lopsided])
+    even = fitted([light, np.ones_like(r), -fall, -fall * (r - radius)], wider)
     return TwoDiscs(
-        np.array([large, small]),
-        Profile(radius, table.step, shown),
-        by_values,
-        -by_values @ even[2:, 2],
+        radii,
+        Profile(radius, step, np.stack([light, fall], axis=1)),
+        np.asarray(np.linalg.inv(even[2:] / NUDGE), dtype=np.float64),
         float(odd[0, 0]),
         float(odd[1, 0]),
     )
+
+
+def _light(radii: Array, shape: Shape) -> tuple[Array, Array, float]:
+    """Light across a micro-image, 1 in its middle, what a unit of slant adds to it along its
+    direction, and the step between both's entries, px.
+    """
+    table = profile_table(float(radii[0]), float(radii[1]), shape.cone, shape.pixel)
+    light = table.values[:, VALUE] + shape.share * table.values[:, FALLOFF]
+    return light / light[0], table.values[:, LOPSIDED] / light[0], table.step
 
 
 def _entries(count: int, step: float) -> Array:
@@ -122,29 +139,38 @@ def _half(light: Array) -> float:
     return last + (light[last] - 0.5) / max(light[last] - light[last + 1], 1e-12)
 
 
-def discs_in(profile: Profile, shape: Shape, start: Array) -> tuple[Array, float]:
-    """Radii of the two discs that are nearest to a profile measured roughly, px, shape (2,), and
-    what they leave of it.
+def discs_in(profile: Profile, cone: Cone, dark: float, start: Array) -> SeenDiscs:
+    """The two discs and the share of natural fall-off that are nearest to a measured profile.
 
     Args:
         profile: the light across, as it was seen.
-        shape: what else the light depends on.
+        cone: how rays land.
+        dark: see ``Shape``.
         start: radii to begin with.
     """
     r = _entries(len(profile.table), profile.step)
     light = profile.table[:, 0]
-    root = shape.weights(r, light) * (light > SHOWN)
+    root = _weights(dark, r, light) * (light > SHOWN)
 
     def left(free: Array) -> Array:
-        table = profile_table(free[0], free[1], shape.cone, shape.share)
-        place = _entries(len(table.values), table.step)
-        return root * (free[2] * np.interp(r, place, table.values[:, VALUE], right=0.0) - light)
+        table = profile_table(free[0], free[1], cone, profile.pixel)
+        seen = table.values[:, VALUE] + free[3] * table.values[:, FALLOFF]
+        there = np.interp(r, _entries(len(seen), table.step), seen, right=0.0)
+        return root * (free[2] * there - light)
 
     most = 2 * max(profile.end, float(start[0]))
-    low = [SMALLEST_PX, SMALLEST_PX, 0.5]
-    begun = np.clip([*start, 1.0], np.array(low) * 1.01, [0.99 * most, 0.99 * most, 1.9])
-    found = least_squares(left, begun, bounds=(low, [most, most, 2.0]), diff_step=1e-3)
-    return np.sort(found.x[:2])[::-1], float(found.cost)
+    low, high = np.array([[SMALLEST_PX, most], [SMALLEST_PX, most], [0.5, 2], [-1, 2]]).T
+    begun = np.clip([*start, 1.0, LIKELY_SHARE], low + 1e-3, high - 1e-3)
+    found = least_squares(left, begun, bounds=(low, high), diff_step=1e-3)
+    # of so many places alone the profile tells
+    size = 2 * found.cost / max(profile.end / KNOTS_PX - len(begun), 1.0)
+    normal = found.jac.T @ found.jac / max(size, 1e-300)
+    expected = np.zeros(len(begun))
+    expected[3] = LOOSE_SHARE**-2
+    covariance = np.linalg.pinv(normal + np.diag(expected), hermitian=True)
+    best = found.x + covariance @ (expected * (LIKELY_SHARE - found.x))
+    radii = np.sort(np.maximum(best[:2], SMALLEST_PX))[::-1]
+    return SeenDiscs(radii, float(np.clip(best[3], 0.0, 1.0)), covariance[:2, :2])
 
 
 def seen_beside(base: TwoDiscs, radii: Array, shape: Shape) -> Array:
@@ -155,16 +181,15 @@ def seen_beside(base: TwoDiscs, radii: Array, shape: Shape) -> Array:
         radii: of its own discs, px, shape (2,).
         shape: what else the light depends on.
     """
-    own = two_discs(radii, shape).profile
-    r = _entries(len(own.table), own.step)
-    light, radius = own.table[:, 0], base.profile.radius
+    light, _, step = _light(np.maximum(radii, SMALLEST_PX * shape.pixel), shape)
+    r, radius = _entries(len(light), step), base.profile.radius
     place = _entries(len(base.profile.table), base.profile.step)
-    root = shape.weights(r, light)
+    root = _weights(shape.dark, r, light)
 
     def left(free: Array) -> Array:
         at = radius + (r - radius - free[0]) * np.exp(-free[1])
         there = np.interp(at, place, base.profile.table[:, 0], right=0.0)
         return root * (free[2] * there + free[3] - light)
 
-    begun = np.array([own.radius - radius, 0.0, 1.0, 0.0])
+    begun = np.array([_half(light) * step - radius, 0.0, 1.0, 0.0])
     return np.asarray(least_squares(left, begun, x_scale=[1.0, 0.1, 0.1, 0.1]).x[:2], np.float64)

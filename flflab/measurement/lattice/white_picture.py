@@ -9,42 +9,25 @@ from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, find_lattice
+from flflab.measurement.lattice.fitted import (
+    Fitted,
+    border_of,
+    fitted_near,
+    inside,
+    require_enough,
+)
 from flflab.measurement.lattice.grid import Grid, grid_through
-from flflab.measurement.lattice.index import (
-    FEWEST,
-    Indexed,
-    index_lattice,
-    looks_right,
-    unlike_most,
-)
-from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, WIDER, X, Y
-from flflab.measurement.lattice.mean_profile import (
-    Profile,
-    above_ground,
-    measured_profile,
-    recentred,
-)
-from flflab.measurement.lattice.micro_images import (
-    BLOB,
-    DISC,
-    Expected,
-    Model,
-    expected,
-    fit,
-    neighbours_within,
-    with_ground,
-)
-from flflab.measurement.lattice.pixels import Pixels, finer
+from flflab.measurement.lattice.index import looks_right, unlike_most
+from flflab.measurement.lattice.kernel import X, Y
+from flflab.measurement.lattice.mean_profile import Profile
 from flflab.measurement.lattice.slopes import (
     BEHIND,
     BESIDE,
     Slopes,
     asides,
-    course_of_slopes,
     definition_of_centres,
-    unknown_slopes,
 )
-from flflab.measurement.lattice.spread import Spread, spread
+from flflab.measurement.lattice.spread import Spread
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Layout
 
@@ -52,14 +35,8 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-START_MISFIT = 0.03  # share of the light by which pixels may depart from the first profile
-LEAST_MISFIT = 2e-3  # the same of the last one
-JOINTLY = 50  # pixels along a radius where many micro-images overlap
-RIM = 0.05  # of the light: where a micro-image ends
-SPARSE = 12  # pixels along a radius that are enough to begin with
-TURNS = (BLOB, 3), (DISC, 3), (DISC, 3), (DISC, 2)  # what is fitted in how many steps
 NEXT = 1.2  # pitches: neighbours
-LAST = len(TURNS) - 1
+RIM = 0.05  # of the light: where a micro-image ends
 
 
 @dataclass(frozen=True)
@@ -94,31 +71,6 @@ class WhitePicture:
     misfit: float
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """Micro-images fitted one by one, before a lattice is laid through them.
-
-    Attributes:
-        indices: of each, shape (n, 2).
-        values: as ``kernel`` names them, shape (n, VALUES).
-        found: which were seen.
-        profile: the light across them.
-        spread: how sure the values are.
-        slopes: of their light.
-        joint: whether neighbours were fitted together.
-        misfit: rms of what is left of the light, as a share of it.
-    """
-
-    indices: Whole
-    values: Array
-    found: Flags
-    profile: Profile
-    spread: Spread
-    slopes: Slopes
-    joint: bool
-    misfit: float
-
-
 def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> WhitePicture:
     """Measure every micro-image of a white picture, of which nothing but the noise is known.
 
@@ -131,69 +83,36 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
     """
     rough = find_lattice(picture)
     require_contrast(rough, noise)
-    pixels = Pixels(picture, noise, START_MISFIT, max(1, int(rough.radius / SPARSE)))
-    indexed = index_lattice(pixels, rough)
-    profile, joint = indexed.profile, indexed.joint
-    shape = picture.shape
-    indices, values, found, lit = begun(indexed, shape, profile.end)
-    every = np.arange(len(values))
-    neighbours = neighbours_within(values[:, :2], 2 * profile.end)
-    slopes, misfit, doubt = unknown_slopes(len(values)), START_MISFIT, None
-    for turn, (size, rounds) in enumerate(TURNS):
-        inner = found & inside(values, shape, profile.end)
-        require_enough(inner)
-        if doubt is not None:
-            inner &= ~unlike_most(values, doubt, profile, inner)
-        members, before = np.flatnonzero(inner), profile
-        profile = measured_profile(pixels, values, members, neighbours, before)
-        if indexed.ground is None:
-            profile = above_ground(profile)
-        values = recentred(values, profile, before, members)
-        if turn == LAST:
-            values[:, SLOPE_X:] = slopes.mean
-            closest = max(1, round(profile.radius / JOINTLY)) if joint else 1
-            pixels = finer(pixels, pixels.misfit, closest)
-        prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
-        model = Model(profile, neighbours, prior, size, joint)
-        values = fit(pixels, values, lit, model, 2 * rounds if joint else rounds)
-        doubt = spread(pixels, values, every, model)
-        inner &= ~unlike_most(values, doubt, profile, inner)
-        if turn == LAST - 1:
-            slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
-        misfit = float(np.median(doubt.misfit[inner]))
-        pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
-    assert doubt is not None  # noqa: S101 - there are turns
-    fitted = Fitted(indices, values, found, profile, doubt, slopes, joint, misfit)
-    return with_grid(rough, fitted, shape)
+    return with_grid(rough, fitted_near(picture, noise, rough), picture.shape)
 
 
-def with_grid(
-    rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...], cut: float = 0.0
-) -> WhitePicture:
+def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> WhitePicture:
     """The measured white picture: which micro-images are whole, and the lattice through them.
 
     Args:
         rough: what was found blind.
         fitted: the micro-images.
         shape: of the picture, (rows, columns).
-        cut: how much of a radius the border may cut off a whole one, px.
 
     Raises:
         MeasurementError: fewer than six of them are whole.
     """
     indices, values, profile, doubt = fitted.indices, fitted.values, fitted.profile, fitted.spread
-    there = inside(values, shape, profile.reaches(RIM) + 0.5 - cut)
+    border = border_of(values, fitted.found, shape, profile, rough.pitch)
+    there = inside(values, shape, min(border, profile.reaches(RIM) + 0.5))
     found = fitted.found & looks_right(values, doubt, profile, rough.pitch)
     whole = found & there
     require_enough(whole)
     whole &= ~unlike_most(values, doubt, profile, whole)
     between = 0.0 if fitted.joint else _light_between(rough, profile)
     definition = definition_of_centres(doubt, fitted.slopes, profile, between)
-    ways = asides(indices, float(np.median(definition[whole])))
     missing = ~found & inside(values, shape, 0.0)
     beside = _beside(indices, missing, rough.layout)
     behind = _beside(indices, beside & ~missing, rough.layout)
     aside = profile.softness * np.where(beside, BESIDE, BEHIND * behind)
+    # round a whole array all that border on darkness lie aside alike
+    together = math.sqrt(float(np.mean(aside[whole] ** 2)))
+    ways = asides(indices, math.hypot(float(np.median(definition[whole])), together))
     definition = np.hypot(definition, aside)
     own = np.sqrt(doubt.covariance[:, [X, Y], [X, Y]])
     # a bent lattice is not followed into unlit surrounds
@@ -233,16 +152,6 @@ def require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
         )
 
 
-def require_enough(whole: Flags) -> None:
-    """Refuse fewer than six whole micro-images."""
-    if np.count_nonzero(whole) < FEWEST:
-        raise MeasurementError(
-            "white picture: is it one, of an evenly lit target? It shows"
-            f" {np.count_nonzero(whole)} whole micro-images, {FEWEST} are needed; else show more of"
-            " the array"
-        )
-
-
 def _beside(indices: Whole, missing: Flags, layout: Layout) -> Flags:
     """Which have one of some others as their neighbour."""
     steps = [(1, 0), (0, 1)] + ([(1, -1)] if layout == "hexagonal" else [])
@@ -260,51 +169,3 @@ def _light_between(rough: RoughLattice, profile: Profile) -> float:
     """Share of a micro-image's light in the middle between it and its neighbours."""
     middle = rough.pitch / math.sqrt(2 if rough.layout == "square" else 3)
     return float(profile.table[min(int(middle / profile.step), len(profile.table) - 1), 0])
-
-
-def begun(
-    indexed: Indexed, shape: tuple[int, ...], reach: float
-) -> tuple[Whole, Array, Flags, Whole]:
-    """Micro-images that reach the picture, to begin with.
-
-    Of those not seen, what the border hides is as bright as the nearest that were; on the picture
-    itself they have no light, else they would take that of their neighbours' halo.
-
-    Args:
-        indexed: micro-images with their indices.
-        shape: of the picture, (rows, columns).
-        reach: how far a micro-image reaches, px.
-
-    Returns:
-        Indices, values, which were seen, and the positions of those that may have light.
-    """
-    kept = _touching(indexed.values, shape, reach)
-    values, found = indexed.values[kept], indexed.found[kept]
-    _, nearest = KDTree(values[found, :2]).query(values[~found, :2])
-    for one in (LIGHT, GROUND, WIDER):
-        values[~found, one] = values[found][nearest, one]
-    unlit = ~found & inside(values, shape, 0.0)
-    values[unlit, LIGHT] = 0.0
-    return indexed.indices[kept], values, found, np.flatnonzero(~unlit)
-
-
-def _touching(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
-    """Which micro-images reach the picture."""
-    top = np.array([shape[1], shape[0]]) - 0.5
-    off = values[:, :2] - np.clip(values[:, :2], -0.5, top)
-    return np.hypot(*off.T) < reach
-
-
-def inside(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
-    """Which lie wholly on it."""
-    top = np.array([shape[1], shape[0]]) - 0.5
-    return np.all((values[:, :2] > reach - 0.5) & (values[:, :2] < top - reach), axis=1)
-
-
-def _expected(
-    values: Array, profile: Profile, pitch: float, ground: float | None, slopes: Slopes
-) -> Expected:
-    prior = expected(values, profile, pitch)
-    prior.mean[:, SLOPE_X:] = slopes.mean
-    prior.spread[:, SLOPE_X:] = slopes.apart
-    return prior if ground is None else with_ground(prior, ground)
