@@ -16,7 +16,7 @@ from flflab.measurement.as_read import as_read
 from flflab.measurement.contrast.curve import fit_contrasts
 from flflab.measurement.dots.scale import unlike_the_description
 from flflab.measurement.dots.views import DotViews, count_views
-from flflab.measurement.edges.views import APART, EdgeCurve, measure_edges_of_kinds
+from flflab.measurement.edges.views import measure_edges
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.nominal import nominal_lattice
 from flflab.measurement.measure_json import (
@@ -114,13 +114,14 @@ def measure(
         remarks += _remarks_on_limits(dots)
         misfit = max(dot.misfit for dot in dots)
     elif isinstance(target, Edge):
-        edges, reasons = measure_edges_of_kinds(values, lattice, camera, evened)
+        edges, reasons = measure_edges(values, lattice, camera, evened)
         for one in edges:
             result["mtf"] += edge_json(one, camera, away)
             result["mtf_by_view"] += views_edge_json(one, lattice, camera, away)
-            remarks += _edge_remarks(one)
+            views = f"the transfer function is that of {len(one.lenses)} edges, along their normal"
+            remarks += [Remark("edges", views), *one.curve.remarks]
         remarks += [Remark("edges", reason) for reason in reasons]
-        misfit = max(one.misfit for one in edges)
+        misfit = max(one.curve.misfit for one in edges)
     else:
         curves, reasons = fit_contrasts(
             mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains
@@ -200,27 +201,3 @@ def _remarks_on_limits(dots: tuple[DotViews, ...]) -> list[Remark]:
             f" numbers of views include images at that limit: {said}",
         )
     ]
-
-
-def _edge_remarks(curve: EdgeCurve) -> list[Remark]:
-    views = f"the transfer function is that of {len(curve.views)} edges, along their normal"
-    remarks = [Remark("edges", views)]
-    if np.isfinite(curve.esfr).all() and curve.apart > APART:
-        remarks.append(
-            Remark(
-                "edges-unlike-esfr",
-                f"fit and e-SFR (ISO 12233) part by {curve.apart:.2g} more than stated; sides that"
-                " slope and skirts of flare mislead e-SFR, a blur of strange form the fit",
-            )
-        )
-    starved = sum(edge.starved for edge in curve.edges)
-    if starved:
-        slope = math.degrees(curve.edges[0].angle)
-        remarks.append(
-            Remark(
-                "edges-starved",
-                f"{starved} of the edges, at {slope:.2f} deg, sample their profile at too few"
-                " places in a pixel; turn the target by a degree",
-            )
-        )
-    return remarks

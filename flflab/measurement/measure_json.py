@@ -9,7 +9,7 @@ import numpy as np
 
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
-from flflab.measurement.edges.views import EdgeCurve
+from flflab.measurement.edges.views import EdgeViews
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.focus import magnification
@@ -95,18 +95,19 @@ def views_contrast_json(curve: ContrastCurve, lattice: Lattice) -> list[dict[str
     ]
 
 
-def edge_json(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[str, Any]]:
+def edge_json(found: EdgeViews, camera: Camera, distance: float) -> list[dict[str, Any]]:
     """A point for each frequency along the edges' normal."""
+    curve, scale = found.curve, _edge_scale(found, camera, distance)
     return [
         {
             "cycles_per_px": float(u),
-            "cycles_per_mm": float(u) * _edge_scale(curve, camera, distance),
+            "cycles_per_mm": float(u) * scale,
             "contrast": float(mtf),
             "uncertainty": float(doubt),
             "u_own": float(alone),
             "u_common": {"form of the skirt": float(skirt)},
             "dof": max(len(curve.views) - 1, 1),
-            "microlens_focal_length_mm": curve.focal_length,
+            "microlens_focal_length_mm": found.focal_length,
             "esfr": _number(check),
         }
         for u, mtf, doubt, alone, skirt, check in zip(
@@ -117,10 +118,10 @@ def edge_json(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[st
 
 
 def views_edge_json(
-    curve: EdgeCurve, lattice: Lattice, camera: Camera, distance: float
+    found: EdgeViews, lattice: Lattice, camera: Camera, distance: float
 ) -> list[dict[str, Any]]:
     """Every edge's own transfer, a point for each frequency."""
-    scale = _edge_scale(curve, camera, distance)
+    curve, scale = found.curve, _edge_scale(found, camera, distance)
     return [
         {
             "centre_px": lattice.centres_px[lens].tolist(),
@@ -128,15 +129,15 @@ def views_edge_json(
             "cycles_per_mm": float(u) * scale,
             "contrast": float(mtf),
             "uncertainty": float(doubt),
-            "microlens_focal_length_mm": curve.focal_length,
+            "microlens_focal_length_mm": found.focal_length,
         }
-        for lens, view in zip(curve.lenses, curve.views, strict=True)
+        for lens, view in zip(found.lenses, curve.views, strict=True)
         for u, mtf, doubt in zip(
             curve.cycles_per_px, *view.with_form(curve.cycles_per_px), strict=True
         )
     ]
 
 
-def _edge_scale(curve: EdgeCurve, camera: Camera, distance: float) -> float:
-    one = next(one for one in type_smms(camera) if float(one.focal) == curve.focal_length)
+def _edge_scale(found: EdgeViews, camera: Camera, distance: float) -> float:
+    one = next(one for one in type_smms(camera) if float(one.focal) == found.focal_length)
     return abs(float(magnification(one, 1 / distance))) / camera.sensor.pixel

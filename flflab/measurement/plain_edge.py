@@ -9,11 +9,8 @@ import numpy.typing as npt
 from flflab.files.raw import RawPicture
 from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
+from flflab.measurement.edges.curve import curve_of
 from flflab.measurement.edges.edge import fit_edge
-from flflab.measurement.edges.esfr import esfr
-from flflab.measurement.edges.spread import line_spread
-from flflab.measurement.edges.views import APART, FREQUENCIES, WITHIN
-from flflab.remark import Remark
 
 HALF_PX = 150  # of the square round the edge's middle that is measured
 COARSE = 200  # pixels a side in which the edge is looked for
@@ -39,25 +36,8 @@ def measure_plain_edge(picture: npt.NDArray[Any] | RawPicture | SensorPicture) -
     corner, patch = _around_the_edge(np.asarray(values, dtype=np.float64))
     full = np.asarray(noise.saturated(patch), dtype=np.bool_)
     edge = fit_edge(patch, ~full, np.sqrt(noise.variance(patch)))
-    view = line_spread([edge])
-    mean, doubt = view.with_form(FREQUENCIES)
-    check = esfr(edge, FREQUENCIES)
-    apart = (np.abs(mean - check) - 2 * doubt)[FREQUENCIES <= WITHIN]
-    if np.isfinite(check).all() and float(apart.max()) > APART:
-        remarks.append(
-            Remark(
-                "edges-unlike-esfr",
-                f"fit and e-SFR (ISO 12233) part by {float(apart.max()):.2g} more than stated",
-            )
-        )
-    if edge.starved:
-        remarks.append(
-            Remark(
-                "edges-starved",
-                f"the edge, at {math.degrees(edge.angle):.2f} deg, samples its profile at too few"
-                " places in a pixel; turn the target by a degree",
-            )
-        )
+    curve = curve_of([edge])
+    remarks += curve.remarks
     return {
         "mtf": [
             {
@@ -66,12 +46,14 @@ def measure_plain_edge(picture: npt.NDArray[Any] | RawPicture | SensorPicture) -
                 "uncertainty": float(unsure),
                 "esfr": float(beside) if math.isfinite(beside) else None,
             }
-            for u, one, unsure, beside in zip(FREQUENCIES, mean, doubt, check, strict=True)
+            for u, one, unsure, beside in zip(
+                curve.cycles_per_px, curve.mtf, curve.uncertainty, curve.esfr, strict=True
+            )
         ],
         "edge": {
             "angle_deg": math.degrees(edge.angle),
             "place_px": (edge.place_px + corner).tolist(),
-            "skirt_share": view.skirt,
+            "skirt_share": curve.views[0].skirt,
             "pixels": len(edge.pixels.values),
         },
         "picture": {

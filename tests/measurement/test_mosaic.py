@@ -155,7 +155,8 @@ def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_withi
         assert np.sqrt(np.mean((off / dot.centre_uncertainty_px) ** 2)) < 2
     angle, square = math.radians(5), brute.camera(4.0, (740, 740))
     values, noise = read_back(brute.edges_picture(740, angle), bits, file).even()
-    edges = measure_edges(values, nominal_lattice(square, 3000.0), square, noise)
+    (found,), _ = measure_edges(values, nominal_lattice(square, 3000.0), square, noise)
+    edges = found.curve
     truth = np.sinc(edges.cycles_per_px * math.cos(angle)) * np.sinc(
         edges.cycles_per_px * math.sin(angle)
     )

@@ -8,6 +8,7 @@ The blur is taken for a Gaussian, which places the edge well whatever its form;
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from flflab.errors import MeasurementError
 from flflab.measurement.edges.profile import edge_profile
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 FEWEST_PIXELS = 50
 FIRST_BLUR = 0.7  # px
@@ -109,36 +111,19 @@ class Edge:
         return float(np.diff(near, prepend=-reach, append=reach).max()) > STARVED
 
 
-def _edge_pixels(
-    picture: npt.NDArray[np.generic],
-    mask: npt.NDArray[np.bool_] | None,
-    deviation: npt.ArrayLike,
-) -> tuple[EdgePixels, float]:
+def _edge_pixels(picture: Array, used: Mask, deviation: Array) -> tuple[EdgePixels, float]:
     """The pixels in which an edge lies, and the rough angle of its normal from their differences;
     arguments and errors as ``fit_edge``.
     """
-    values = np.asarray(picture, dtype=np.float64)
-    if values.ndim != 2:
-        raise MeasurementError(
-            f"edge: a picture of rows and columns is due, not shape {values.shape}"
-        )
-    used = (
-        np.ones(values.shape, dtype=np.bool_) if mask is None else np.asarray(mask, dtype=np.bool_)
-    )
     if np.count_nonzero(used) < FEWEST_PIXELS:
         raise MeasurementError(
             f"edge: {np.count_nonzero(used)} pixels were given; at least {FEWEST_PIXELS} are due"
         )
-    if not np.isfinite(values[used]).all():
-        raise MeasurementError("edge: every pixel used must be a finite number")
-    spread = np.broadcast_to(np.asarray(deviation, dtype=np.float64), values.shape)[used]
-    if not (np.isfinite(spread).all() and (spread > 0).all()):
-        raise MeasurementError("edge: standard deviations of pixels must be finite and above 0")
     row, column = np.nonzero(used)
     middle = (float(column.mean()), float(row.mean()))
     around = used[1:-1, 1:-1] & used[1:-1, 2:] & used[1:-1, :-2] & used[2:, 1:-1] & used[:-2, 1:-1]
-    across = np.where(around, values[1:-1, 2:] - values[1:-1, :-2], 0.0)
-    along = np.where(around, values[2:, 1:-1] - values[:-2, 1:-1], 0.0)
+    across = np.where(around, picture[1:-1, 2:] - picture[1:-1, :-2], 0.0)
+    along = np.where(around, picture[2:, 1:-1] - picture[:-2, 1:-1], 0.0)
     if not (across**2 + along**2).sum() > 0:
         raise MeasurementError(
             "edge: all pixels are equally bright; an edge has a dark and a bright side"
@@ -146,31 +131,32 @@ def _edge_pixels(
     angle = 0.5 * math.atan2(2 * float((across * along).sum()), float((across**2 - along**2).sum()))
     if float((across * math.cos(angle) + along * math.sin(angle)).sum()) < 0:
         angle += math.pi
-    x, y = (
-        np.asarray(at, dtype=np.float64) - part
-        for at, part in zip((column, row), middle, strict=True)
-    )
-    return EdgePixels(x, y, values[used], 1 / spread, middle), math.remainder(angle, 2 * math.pi)
+    weights = 1 / np.broadcast_to(deviation, picture.shape)[used]
+    x, y = (place.astype(np.float64) for place in (column, row))
+    pixels = EdgePixels(x - middle[0], y - middle[1], picture[used], weights, middle)
+    return pixels, math.remainder(angle, 2 * math.pi)
 
 
 def fit_edge(
-    picture: npt.NDArray[np.generic],
-    mask: npt.NDArray[np.bool_] | None = None,
+    picture: npt.NDArray[np.floating[Any]],
+    mask: Mask | None = None,
     deviation: npt.ArrayLike = 1.0,
 ) -> Edge:
     """Fit one straight, blurred edge to the pixels of a picture; the light of either side may
     slope.
 
     Args:
-        picture: [row, col], linear in light.
+        picture: [row, col], finite, linear in light.
         mask: which pixels count; None means all.
         deviation: standard deviation of the pixels' noise, one number or one a pixel; only ratios
             matter.
 
     Raises:
-        MeasurementError: too few pixels, pixels that are not finite, or no edge among them.
+        MeasurementError: too few pixels, or no edge among them.
     """
-    pixels, angle = _edge_pixels(picture, mask, deviation)
+    values = np.asarray(picture, dtype=np.float64)
+    used = np.ones(values.shape, dtype=np.bool_) if mask is None else mask
+    pixels, angle = _edge_pixels(values, used, np.asarray(deviation, dtype=np.float64))
     weights = pixels.weights[:, None]
 
     def seen(at: Array) -> tuple[Array, Array]:
@@ -191,10 +177,8 @@ def fit_edge(
 
     start = np.array([angle, _offset(pixels, angle), FIRST_BLUR**2])
     levels = np.linalg.lstsq(seen(start)[0] * weights, pixels.values * pixels.weights, rcond=None)
-    most = np.full(9, np.inf)
-    most[2] = MOST_BLUR**2
-    least = -most
-    least[2] = LEAST_BLUR**2
+    least, most = np.full(9, -np.inf), np.full(9, np.inf)
+    least[2], most[2] = LEAST_BLUR**2, MOST_BLUR**2
     found = least_squares(
         left,
         np.concatenate([start, levels[0]]),

@@ -9,7 +9,7 @@ quiet as a Gaussian's fit.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ BRIGHT = 3  # of an edge's light, the even one of its bright side
 LINE = 0.02  # px, standard deviation of one line
 SMOOTHNESS = 0.5  # px, length over which a deviation varies
 REACH = 1.5  # of the fitted blur, how far it reaches
-SKIRTS = (4.0, 8.0, 16.0, 32.0)  # px, standard deviations of what a skirt of flare is made of
+SKIRTS = (8.0, 24.0)  # px, standard deviations of what a skirt of flare is made of
 LARGEST_SKIRT = 0.07  # of the light, standard deviation of each part
 CLEAR_SKIRT = 20.0  # by which chi squared must fall
 OF_SKIRT = 0.15  # of its light: its form is not known better
@@ -100,13 +100,13 @@ def line_spread(edges: list[Edge]) -> LineSpread:
     places = np.arange(-half, half + 1, dtype=np.float64) * SPACING
     sums = _sums(edges, blur, places)
     prior = _prior(places, REACH * math.hypot(blur, 0.3))
-    plain, flared = (_solved(sums.without(few), prior) for few in (len(SKIRTS), 0))
-    clear = (plain.noise / flared.noise - 1) * sums.freedom > CLEAR_SKIRT
-    found, skirts = (flared, SKIRTS) if clear else (plain, ())
+    parts, covariance, noise = _solved(sums, prior, ())
+    *flared, less = _solved(sums, prior, SKIRTS)
+    skirts: tuple[float, ...] = ()
+    if (noise / less - 1) * sums.freedom > CLEAR_SKIRT:
+        (parts, covariance), skirts = flared, SKIRTS
     angles = np.array([edge.angle for edge in edges])
-    return LineSpread(
-        angles, blur, np.array(skirts, dtype=np.float64), places, found.parts, found.covariance
-    )
+    return LineSpread(angles, blur, np.array(skirts), places, parts, covariance)
 
 
 @dataclass(frozen=True)
@@ -128,16 +128,6 @@ class Sums:
     freedom: int
     height: float
     height_by: Array
-
-    def without(self, skirts: int) -> "Sums":
-        """Without so many skirts."""
-        kept = np.delete(np.arange(len(self.moment)), np.s_[1 : 1 + skirts])
-        return replace(
-            self,
-            normal=self.normal[np.ix_(kept, kept)],
-            moment=self.moment[kept],
-            height_by=self.height_by[kept],
-        )
 
 
 def _sums(edges: list[Edge], blur: float, places: Array) -> Sums:
@@ -181,38 +171,31 @@ def _prior(places: Array, width: float) -> Array:
     return np.exp(-0.5 * (apart / SMOOTHNESS) ** 2 - 0.25 * (squares[:, None] + squares) / width**2)
 
 
-@dataclass(frozen=True)
-class Solved:
-    """Parts of a line spread as shares of the light, shape (P,), their covariance, (P, P), and the
-    variance of a pixel of weight 1.
-    """
-
-    parts: Array
-    covariance: Array
-    noise: float
-
-
-def _solved(sums: Sums, prior: Array) -> Solved:
-    """The parts over all strengths of the deviation by their marginal likelihood.
+def _solved(sums: Sums, prior: Array, skirts: tuple[float, ...]) -> tuple[Array, Array, float]:
+    """The parts over all strengths of the deviation by their marginal likelihood, as shares of the
+    light, shape (P,), their covariance, (P, P), and the variance of a pixel of weight 1; with these
+    skirts or none.
 
     With the prior covariance A^2 K = A^2 B B^T the normal equations B^T N B = V diag(l) V^T part:
     each mode is shrunk by A^2 l / (1 + A^2 l), A^2 in units of the noise's variance, which the
     likelihood leaves free. The likeliest strength alone would be far too sure where the pixels
     hardly tell whether there is a deviation.
     """
-    few = len(sums.moment) - len(prior)
-    inverse = np.linalg.pinv(sums.normal[:few, :few], hermitian=True)
-    by_lines = -inverse @ sums.normal[:few, few:]
+    few = 1 + len(skirts)
+    kept = np.r_[:few, 1 + len(SKIRTS) : len(sums.moment)]
+    whole, moment, taken = sums.normal[np.ix_(kept, kept)], sums.moment[kept], sums.height_by[kept]
+    inverse = np.linalg.pinv(whole[:few, :few], hermitian=True)
+    by_lines = -inverse @ whole[:few, few:]
     follow = np.concatenate([by_lines, np.eye(len(prior))])
-    power = sums.power - float(sums.moment[:few] @ inverse @ sums.moment[:few])
+    power = sums.power - float(moment[:few] @ inverse @ moment[:few])
     freedom = sums.freedom - few
     values, vectors = np.linalg.eigh(prior)
     kept = values > 1e-12 * values[-1]
     root = vectors[:, kept] * np.sqrt(values[kept])
-    normal = sums.normal[few:, few:] + sums.normal[few:, :few] @ by_lines
+    normal = whole[few:, few:] + whole[few:, :few] @ by_lines
     strength, modes = np.linalg.eigh(root.T @ normal @ root)
     strength, basis = np.maximum(strength, 0.0), follow @ root @ modes
-    along = basis.T @ sums.moment
+    along = basis.T @ moment
     shrunk = STRENGTHS[:, None] / (1 + STRENGTHS[:, None] * strength)
     rest = np.maximum(power - (along**2 * shrunk).sum(axis=1), 1e-14 * power + 1e-300)
     scores = -0.5 * freedom * np.log(rest)
@@ -223,7 +206,7 @@ def _solved(sums: Sums, prior: Array) -> Solved:
     mean = chance @ found
     spread = (found.T * chance) @ found + np.diag((chance * noise) @ shrunk)
     parts, covariance = basis @ mean, basis @ (spread - np.outer(mean, mean)) @ basis.T
-    parts[:few] += inverse @ sums.moment[:few]
+    parts[:few] += inverse @ moment[:few]
     covariance[:few, :few] += float(chance @ noise) * inverse
-    whole = sums.height - float(sums.height_by @ parts)
-    return Solved(parts / whole, covariance / whole**2, float(chance @ noise))
+    height = sums.height - float(taken @ parts)
+    return parts / height, covariance / height**2, float(chance @ noise)
