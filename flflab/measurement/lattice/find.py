@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
-from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter
+from scipy.ndimage import gaussian_filter, map_coordinates
+from skimage.feature import peak_local_max
 
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.mean_cell import CELL, mean_cell
@@ -241,8 +242,8 @@ def _peaks(around: Array) -> Array:
     """
     reach = around.shape[0] // 2
     smooth = gaussian_filter(around, 0.7)
-    y, x = np.nonzero((smooth == maximum_filter(smooth, 5)) & (around > 0))
-    lags = np.stack([x, y], axis=1) - reach
+    tops = peak_local_max(smooth, min_distance=2, threshold_abs=0.0, exclude_border=False)
+    lags = tops[:, ::-1] - reach
     far = np.hypot(*lags.T)
     half = (lags[:, 1] > 0) | ((lags[:, 1] == 0) & (lags[:, 0] > 0))
     inside = (np.abs(lags) < reach - 1).all(axis=1)

@@ -19,6 +19,7 @@ Array = npt.NDArray[np.float64]
 
 CELL = 24  # points of the mean cell along either vector
 FOLDED = 3.5  # pitches either side of the middle that are folded
+HARDLY = 0.3  # of what varies most, the rim of unlit surrounds perhaps
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ def _anchor(picture: npt.NDArray[np.float32], vectors: Array) -> Array:
             max(0, int(y - reach)) : int(y + reach) + 1, max(0, int(x - reach)) : int(x + reach) + 1
         ]
         spreads.append(float(np.subtract(*np.quantile(part, [0.9, 0.1]))))
-    if spreads[0] > 0.6 * max(spreads):
+    if spreads[0] > HARDLY * max(spreads):
         return spots[0]
     # the rim of unlit surrounds varies most, and repeats least
     return max(spots, key=lambda spot: float(_folded(picture, vectors, spot)[0].std()))
