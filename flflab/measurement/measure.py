@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.errors import InputError
+from flflab.errors import InputError, MeasurementError
 from flflab.files.raw import RawPicture
 from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
@@ -32,6 +32,7 @@ from flflab.measurement.presence import (
     require_blur_within,
     require_light,
 )
+from flflab.measurement.sensor.mosaic import Mosaic
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.white import measure_described
 from flflab.optics.camera import Camera
@@ -104,33 +105,16 @@ def measure(
         lattice, shown = beside.lattice, beside.json()["lattice"]
         del shown["micro_images"]
         remarks += [Remark(one.code, f"white picture: {one.sentence}") for one in beside.remarks]
-    result: dict[str, Any] = {"dots": [], "mtf": [], "mtf_by_view": []}
-    if isinstance(target, FourDot):
-        dots = count_views(values, lattice, camera, target, away, evened)
-        result["dots"] = [dot_json(dot) for dot in dots]
-        scale = dots[0].scale
-        unlike = unlike_the_description(scale, camera, away) if scale else []
-        remarks += [Remark("dots-unlike-camera", one) for one in unlike]
-        remarks += _remarks_on_limits(dots)
-        misfit = max(dot.misfit for dot in dots)
-    elif isinstance(target, Edge):
-        edges, reasons = measure_edges(values, lattice, camera, evened)
-        for one in edges:
-            result["mtf"] += edge_json(one, camera, away)
-            result["mtf_by_view"] += views_edge_json(one, lattice, camera, away)
-            views = f"the transfer function is that of {len(one.lenses)} edges, along their normal"
-            remarks += [Remark("edges", views), *one.curve.remarks]
-        remarks += [Remark("edges", reason) for reason in reasons]
-        misfit = max(one.curve.misfit for one in edges)
-    else:
-        curves, reasons = fit_contrasts(
-            mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains
-        )
-        for curve in curves:
-            result["mtf"] += contrast_json(curve, "y" if isinstance(target, BarsAlongY) else "x")
-            result["mtf_by_view"] += views_contrast_json(curve, lattice)
-        remarks += [Remark("contrast", reason) for reason in reasons]
-        misfit = max(curve.misfit for curve in curves)
+    try:
+        result, more, misfit = _seen(mosaic, lattice, camera, target, away)
+    except MeasurementError as error:
+        if white is not None:
+            raise
+        raise MeasurementError(
+            f"{error}; or the lattice is not where the camera file has it: name a white picture"
+            " (--white)"
+        ) from error
+    remarks += more
     saturated = float(np.mean(values >= evened.saturated_dn))
     if saturated > 0:
         remarks.append(
@@ -146,6 +130,9 @@ def measure(
         )
     return {
         "lattice": shown,
+        "dots": [],
+        "mtf": [],
+        "mtf_by_view": [],
         **result,
         "picture": {
             "saturated_share": saturated,
@@ -155,6 +142,37 @@ def measure(
         "remarks": [remark.sentence for remark in remarks],
         "remark_codes": [remark.code for remark in remarks],
     }
+
+
+def _seen(
+    mosaic: Mosaic, lattice: Lattice, camera: Camera, target: FourDot | Bars | Edge, away: float
+) -> tuple[dict[str, Any], list[Remark], float]:
+    """What a lattice's micro-images show of a target: in JSON, remarks on it, and the misfit."""
+    values, noise = mosaic.even()
+    if isinstance(target, FourDot):
+        dots = count_views(values, lattice, camera, target, away, noise)
+        unlike = unlike_the_description(dots[0].scale, camera, away) if dots[0].scale else []
+        remarks = [Remark("dots-unlike-camera", one) for one in unlike] + _remarks_on_limits(dots)
+        return {"dots": [dot_json(one) for one in dots]}, remarks, max(one.misfit for one in dots)
+    mtf, by_view = list[dict[str, Any]](), list[dict[str, Any]]()
+    if isinstance(target, Edge):
+        edges, reasons = measure_edges(values, lattice, camera, noise)
+        remarks = list[Remark]()
+        for edge in edges:
+            mtf += edge_json(edge, camera, away)
+            by_view += views_edge_json(edge, lattice, camera, away)
+            views = f"the transfer function is that of {len(edge.lenses)} edges, along their normal"
+            remarks += [Remark("edges", views), *edge.curve.remarks]
+        remarks += [Remark("edges", reason) for reason in reasons]
+        return {"mtf": mtf, "mtf_by_view": by_view}, remarks, max(e.curve.misfit for e in edges)
+    curves, reasons = fit_contrasts(
+        mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains
+    )
+    for curve in curves:
+        mtf += contrast_json(curve, "y" if isinstance(target, BarsAlongY) else "x")
+        by_view += views_contrast_json(curve, lattice)
+    remarks = [Remark("contrast", reason) for reason in reasons]
+    return {"mtf": mtf, "mtf_by_view": by_view}, remarks, max(curve.misfit for curve in curves)
 
 
 def _nominal(camera: Camera, light_dn: float) -> tuple[Lattice, Remark]:
