@@ -56,22 +56,31 @@ def kind_of_each(camera: Camera, centres_px: Array) -> Whole:
     return microlens_types(camera.array)[nearest].astype(np.int64)
 
 
+def require_described_pitch(pitch_px: float, camera: Camera) -> None:
+    """Refuse micro-images that lie farther apart, or nearer, than a camera's.
+
+    Raises:
+        MeasurementError: they do.
+    """
+    due = pitch_and_angle(camera.array.layout, nominal_vectors_px(camera))[0]
+    ratio = pitch_px / due
+    if abs(ratio - 1) > DESCRIBED:
+        units = mixed_up_units(ratio)
+        raise MeasurementError(
+            f"white picture: its micro-images lie about {pitch_px:.3g} px apart, {ratio:.3g}"
+            f" times the {due:.3g} px of the camera's description:"
+            f" {f'were {units} mixed up? Check' if units else 'is it a white picture? Else check'}"
+            " pitch, pixel and distances"
+        )
+
+
 def require_described(rough: RoughLattice, camera: Camera) -> None:
     """Refuse the lattice of another camera.
 
     Raises:
         MeasurementError: its pitch or layout is not the description's.
     """
-    due = pitch_and_angle(camera.array.layout, nominal_vectors_px(camera))[0]
-    ratio = rough.pitch / due
-    if abs(ratio - 1) > DESCRIBED:
-        units = mixed_up_units(ratio)
-        raise MeasurementError(
-            f"white picture: its micro-images lie about {rough.pitch:.3g} px apart, {ratio:.3g}"
-            f" times the {due:.3g} px of the camera's description:"
-            f" {f'were {units} mixed up? Check' if units else 'is it a white picture? Else check'}"
-            " pitch, pixel and distances"
-        )
+    require_described_pitch(rough.pitch, camera)
     if rough.layout != camera.array.layout:
         raise MeasurementError(
             f"white picture: its micro-images lie on a {rough.layout} lattice of"

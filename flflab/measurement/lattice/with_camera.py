@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
+from scipy.spatial.distance import pdist
 
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.chief_lattice import lattice_of
 from flflab.measurement.lattice.chief_rays import FallOff, expected_slopes, fall_off
+from flflab.measurement.lattice.few import lattice_of_spots, spots_in
 from flflab.measurement.lattice.find import RoughLattice, find_lattice, lattice_near
 from flflab.measurement.lattice.fitted import LEAST_MISFIT, Fitted, fitted_near
 from flflab.measurement.lattice.kernel import LIGHT, SLOPE_X, SOFTER, WIDER, X, Y
@@ -21,6 +23,7 @@ from flflab.measurement.lattice.nominal import (
     nominal_lattice,
     nominal_vectors_px,
     require_described,
+    require_described_pitch,
 )
 from flflab.measurement.lattice.plausible import require_white
 from flflab.measurement.lattice.profile import SMALLEST_PX, cone_of
@@ -107,10 +110,17 @@ def white_behind(camera: Camera, picture: npt.NDArray[Any], noise: SensorNoise) 
 
 
 def _rough(camera: Camera, picture: npt.NDArray[np.float32]) -> RoughLattice:
-    """The lattice found blind, or near the described one where too little is seen for that."""
+    """The lattice found blind, or where too little of it is seen for that by single spots, or else
+    as described.
+    """
     try:
         return find_lattice(picture)
     except MeasurementError:
+        spots = spots_in(picture)
+        if (found := lattice_of_spots(picture, spots)) is not None:
+            return found
+        if len(spots) > 1:
+            require_described_pitch(float(pdist(spots).min()), camera)
         vectors = nominal_vectors_px(camera)
         if min(picture.shape) < 2 * float(np.hypot(*vectors).max()):
             raise
