@@ -28,10 +28,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 BLOB, DISC = WIDER + 1, VALUES  # how many values are fitted: a blob's slope is no more than a shift
-CLOSE, MOST_STEPS = (
-    1e-2,
-    20,
-)  # of what a step asks for, that conjugate gradients leave; their number
+CLOSE, MOST_STEPS = 1e-2, 20  # what iterations leave of a step's equations; their number
 WIDEST, SOFTEST = 0.6, 1.2  # of the radius; logarithm of the softness
 LONGEST_SLOPE = 0.05  # by which a slope may change at once
 
