@@ -150,6 +150,7 @@ def test_a_bench_is_found_again_from_exact_quantities(small: BenchModel) -> None
     assert found.chi2 < 1e-6
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("stage", "times"),
     [
@@ -194,6 +195,7 @@ def test_zeros_that_put_the_sensor_on_the_other_side_of_the_exit_pupil_are_found
     assert np.abs(scores(found, truth)).max() < 4
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("off", [-0.05, pytest.param(0.05, marks=pytest.mark.ci)])
 def test_a_main_lens_off_is_not_taken_for_a_target_off(small: BenchModel, off: float) -> None:
     """Its distance to the target is not known well, and took what 50 of the lens's own

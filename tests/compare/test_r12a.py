@@ -100,6 +100,7 @@ def test_the_second_detection_needs_no_rotation(again: Comparison) -> None:
     assert any("without the lens's distortion 0.86 px" in said for said in again.sentences)
 
 
+@pytest.mark.ci
 def test_view_counts_are_the_reach_of_a_detector_within_the_total_field(
     compared: Comparison, frames: dict[int, FrameAgreement]
 ) -> None:
@@ -123,6 +124,7 @@ def test_the_median_number_of_views_is_predicted_in_every_frame(
     assert [number for number, frame in frames.items() if not frame.views_agree] == []
 
 
+@pytest.mark.ci
 def test_another_detector_reaches_less_far_in_the_same_pictures(
     compared: Comparison, again: Comparison
 ) -> None:

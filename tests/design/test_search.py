@@ -154,6 +154,7 @@ def test_what_hinders_is_what_enumeration_finds(wanted: Wanted) -> None:
     assert missed == pytest.approx(max(worst))
 
 
+@pytest.mark.ci
 def test_refinement_gains_and_still_meets_every_demand(wanted: Wanted) -> None:
     asked = wanted()
     grid = make_grid(asked)

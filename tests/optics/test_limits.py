@@ -375,6 +375,7 @@ def test_mirrored_points_have_mirrored_views(
     assert row_views(row, 1 / distance, angle) == row_views(row, 1 / distance, -angle)
 
 
+@pytest.mark.ci
 @settings(max_examples=25, deadline=None)
 @given(CAMERAS, st.floats(250.0, 1500.0), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 def test_the_lattice_s_symmetries_are_the_views_(

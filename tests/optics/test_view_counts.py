@@ -417,6 +417,7 @@ def test_the_mean_number_of_views_is_that_of_the_points_round_the_axis(number: i
         assert mean_row_views(row_fields(camera), camera, V) == pytest.approx(counted, abs=0.01)
 
 
+@pytest.mark.ci
 def test_the_mean_on_the_sensor_is_that_of_dense_rays_where_the_lattice_ends() -> None:
     camera = replace(
         drawn_camera(3), useful=Useful(0.3, 0.0), array=replace(drawn_camera(3).array, count=(5, 3))

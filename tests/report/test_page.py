@@ -286,6 +286,7 @@ def test_a_run_that_lost_its_end_says_which_frames_and_which_configurations_it_l
     assert "Not recorded or not admitted, and left out: configurations 1 and 2." in text
 
 
+@pytest.mark.ci
 def test_a_run_in_several_parts_says_when_and_why_it_was_cut(
     single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
 ) -> None:
@@ -378,6 +379,7 @@ def test_every_frame_has_a_scale_bar_of_the_length_it_says(source: str, bench: B
         assert float(length[1]) * bench.optics.sensor.pixel == pytest.approx(millimetres, rel=1e-3)
 
 
+@pytest.mark.ci
 def test_a_calibrated_bench_says_when(
     evaluation: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
 ) -> None:

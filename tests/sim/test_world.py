@@ -88,6 +88,7 @@ def test_a_keyed_generator_depends_on_every_part_of_its_key() -> None:
     assert len(draws) == 7
 
 
+@pytest.mark.ci
 def test_microlenses_that_touch_are_drawn_no_wider_than_there_is_room(
     write_bench_file: WriteBench,
 ) -> None:
