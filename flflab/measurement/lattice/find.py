@@ -101,13 +101,17 @@ def find_lattice(picture: npt.NDArray[np.floating]) -> RoughLattice:
         MeasurementError: nothing repeats along two directions, or fewer than five periods are
             seen.
     """
-    best: tuple[float, int, Array, npt.NDArray[np.floating]] | None = None
+    best: tuple[float, int, Array] | None = None
     for factor in _factors(picture.shape):
         coarse = averaged(picture, factor)
         for window in _windows(coarse):
-            found = _vectors_in(window)
-            if found is not None and (best is None or found[0] > 1.1 * best[0]):
-                best = found[0], factor, found[1], window
+            if (found := _vectors_in(window)) is None:
+                continue
+            # a dark frame does not reach the middle of the window
+            inner = _vectors_in(_middle(window))
+            for height, vectors in (found, *([inner] if inner else [])):
+                if best is None or height > 1.1 * best[0]:
+                    best = height, factor, vectors
         if best is not None and best[0] > SURE:
             break
     if best is None:
@@ -116,9 +120,8 @@ def find_lattice(picture: npt.NDArray[np.floating]) -> RoughLattice:
             " picture of an evenly lit target behind the microlens array is due, with at least"
             f" {PERIODS} x {PERIODS} micro-images of {LEAST_PITCH:g} px pitch or more"
         )
-    _, factor, vectors, _ = best
-    vectors = vectors * factor
-    return lattice_near(picture, *layout_of(vectors))
+    _, factor, vectors = best
+    return lattice_near(picture, *layout_of(vectors * factor))
 
 
 def lattice_near(picture: npt.NDArray[np.floating], layout: Layout, vectors: Array) -> RoughLattice:
@@ -164,9 +167,7 @@ def averaged(picture: npt.NDArray[np.floating], factor: int) -> npt.NDArray[np.f
 
 
 def _windows(picture: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
-    """The middle of a picture, the middle of that, which a dark frame does not reach, and beside
-    them the part that varies most where that is elsewhere.
-    """
+    """The middle of a picture, and beside it the part that varies most where that is elsewhere."""
     rows, columns = (min(WINDOW, size) for size in picture.shape)
     tops = [(picture.shape[0] - rows) // 2, 0, picture.shape[0] - rows]
     lefts = [(picture.shape[1] - columns) // 2, 0, picture.shape[1] - columns]
@@ -176,9 +177,13 @@ def _windows(picture: npt.NDArray[np.float32]) -> list[npt.NDArray[np.float32]]:
     ]
     spreads = [float(np.subtract(*np.quantile(part[::4, ::4], [0.9, 0.1]))) for part in parts]
     most = int(np.argmax(spreads))
-    inner = parts[0][rows // 4 : rows - rows // 4, columns // 4 : columns - columns // 4]
-    elsewhere = most > 0 and spreads[most] >= 3 * spreads[0]
-    return [parts[0], inner, *([parts[most]] if elsewhere else [])]
+    return parts[:1] if spreads[most] < 3 * spreads[0] or most == 0 else [parts[0], parts[most]]
+
+
+def _middle(window: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Half as wide and high."""
+    rows, columns = window.shape
+    return window[rows // 4 : rows - rows // 4, columns // 4 : columns - columns // 4]
 
 
 def _vectors_in(window: npt.NDArray[np.float32]) -> tuple[float, Array] | None:
