@@ -67,7 +67,6 @@ def place_lenses(
         (lenses["light"] * shading(spec.shape, spec.readout.shading, *centre.T))[shown],
         missing[shown],
         whole[shown],
-        float(np.sqrt(np.mean((centre - smooth)[whole] ** 2))) if whole.any() else 0.0,
     )
     return lenses, truth
 

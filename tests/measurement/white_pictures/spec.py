@@ -161,7 +161,6 @@ class Truth:
         light: At the centre, without the neighbours' and the halo's.
         missing: Lenses that are not there.
         whole: Lenses whose micro-image is all there, dead and half-covered ones left out.
-        scatter: As drawn, px rms in one direction, of the whole lenses.
     """
 
     lattice: TrueLattice
@@ -170,4 +169,3 @@ class Truth:
     light: Array
     missing: Flags
     whole: Flags
-    scatter: float
