@@ -38,7 +38,7 @@ def transfer(cycles_per_px: Array, blur_mm: float) -> Array:
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("distance", [FOCUS, 500.0])
+@pytest.mark.parametrize("distance", [FOCUS, 500.0, 520.0])
 def test_every_frequency_has_the_contrast_of_its_pupil(distance: float) -> None:
     camera = read_camera(built_in(Kind.CAMERA))
     camera = replace(camera, sensor=replace(camera.sensor, resolution=(1240, 1000)))

@@ -131,7 +131,7 @@ def measure(
         views_share=np.ones((1, len(FREQUENCIES))),
         cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
         covariance=1e-6 * np.eye(len(FREQUENCIES)), extremes=zeros, extremes_uncertainty=zeros,
-        classic=zeros + 0.9, classic_uncertainty=zeros + 0.01,
+        classic=zeros + 0.9,
         geometry=np.array([0.0, across, 0.0, 1.0, 0.0]),
         geometry_uncertainty=np.zeros(5), chi2_per_pixel=1.0, pixels=1000,
     )  # fmt: skip

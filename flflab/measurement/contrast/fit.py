@@ -1,197 +1,237 @@
 """Least squares fit of a chirp seen through many micro-images.
 
-The views' own numbers are normally distributed; how widely, their own scatter says. They are
-eliminated view by view from the normal equations of what is common.
+A run that looks at the target's x reads light (1 + bars(x)), with bars(x) the target seen through
+the pixel and its view's disc of blur, so much of it as is common to all views, and what a free
+curve of contrast against frequency, common too, adds where blur is no disc, as by diffraction.
+Evaluated at the true places of the pixels, so frequencies beyond half a cycle a pixel need no
+special case.
+
+Every view has its own light, place, magnification and disc. They are eliminated view by view from
+the normal equations of what is common.
 """
 
 import itertools
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.measurement.contrast.model import (
-    ACROSS,
-    BLUR,
-    DISC,
-    LIGHT,
-    NUMBERS,
-    SHIFT,
-    Fit,
-    Model,
-    Seen,
-    derivatives,
-    look_at,
-    weights,
-)
 from flflab.measurement.contrast.runs import Runs
-from flflab.measurement.solver import settle
+from flflab.measurement.contrast.wave import seen_through
+from flflab.targets import Bars
 
 Array = npt.NDArray[np.float64]
 
-# standard deviation from view to view before any is seen, in the model's units
-LOOSE = np.array([1.0, 0.3, 0.3, 0.3, 1.0, 0.01, 30.0])
-MOST_LOOKS = 25
-STRANGE = 3.0  # times the noise: a view that departs so far is looked for anew
-DISCS, SHIFTS, STEPS_ALONE = (0.0, 2.0, 4.0, 6.0, 8.0), (0.0, -0.6, 0.6), 4  # px to start from
+NODES = 10  # of the free curve, evenly spaced over the target's frequencies
+# common: shift, across x and y, along x and y; square of the disc of blur, mm^2; strength of bars
+# through it; the free curve at its nodes
+GEOMETRY, DISC, STRENGTH, FREE, COMMON = slice(0, 5), 5, 6, slice(7, 7 + NODES), 7 + NODES
+# what a view has more: light, its slope and bend over half a field along x, its slope along y, as
+# shares; shift, mm on the target; magnification, mm on the target a mm; square of its disc, mm^2
+LIGHT, SHIFT, ACROSS, BLUR, OWN = slice(0, 4), 4, 5, 6, 7
+# standard deviation from view to view: of light as shares, px on the target, share, px^2
+LOOSE = np.array([1.0, 0.3, 0.3, 0.3, 0.2, 0.002, 30.0])
+HIGHEST = 9  # harmonic of bars that the free curve counts
+MOST_LOOKS = 12
+FIRST, EASED, RAISED = 1e-4, 0.1, 10.0  # damping, of the diagonal of the normal matrices
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Common parameters, shape (17,), and every view's own, shape (V, 7)."""
+
+    common: Array
+    own: Array
+
+    def moved(self, common: Array, own: Array) -> "Fit":
+        """The fit with so much added; no square of a disc is below 0."""
+        common, own = self.common + common, self.own + own
+        common[DISC] = max(common[DISC], 0.0)
+        own[:, BLUR] = np.maximum(own[:, BLUR], -common[DISC])
+        return Fit(common, own)
+
+    @property
+    def squares(self) -> Array:
+        """Of each view's disc of blur, mm^2, shape (V,)."""
+        return self.common[DISC] + self.own[:, BLUR]
+
+
+@dataclass(frozen=True)
+class Model:
+    """What is known of a picture of a chirp before it is fitted.
+
+    Attributes:
+        target: what stood there.
+        pixel: of the sensor, mm.
+        half: half of a bright field, mm on the sensor.
+        level: the light's unit, DN.
+        mean: of the common parameters, shape (17,).
+        doubt: their standard deviation, shape (17,).
+        spread: standard deviation of the views' own numbers, shape (7,).
+    """
+
+    target: Bars
+    pixel: float
+    half: float
+    level: float
+    mean: Array
+    doubt: Array
+    spread: Array
+
+    def pixel_seen(self, fit: Fit) -> float:
+        """A pixel on the target, mm."""
+        return abs(float(fit.common[1])) * self.pixel
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a fit makes of every run: where it looks, mm, what grey would read there, DN, and what
+    the run should read, DN; each of shape (n,). Its derivatives by what is common, (n, 17), and by
+    what is its view's own, (n, 7).
+    """
+
+    x: Array
+    level: Array
+    due: Array
+    by_common: Array
+    by_own: Array
+
+
+def look_at(runs: Runs, model: Model, fit: Fit) -> Seen:
+    """Runs as a fit has them."""
+    own, across = fit.own[runs.view], runs.places[:, 1]
+    x = runs.places @ fit.common[GEOMETRY] + own[:, SHIFT] + own[:, ACROSS] * across
+    pixel, strength = model.pixel_seen(fit), fit.common[STRENGTH]
+    bars, slope, wider = seen_through(model.target, x, pixel, fit.squares[runs.view])
+    nodes, bent = _free_curve(model.target, x, fit.common[FREE])
+    t, up = across / model.half, runs.places[:, 2] / model.half
+    terms = np.stack([np.ones_like(t), t, t * t, up], axis=1)
+    level = model.level * (1 + np.sum(terms * own[:, LIGHT], axis=1))
+    light = 1 + strength * bars + nodes @ fit.common[FREE]
+    moved, blurred = level * (strength * slope + bent), level * strength * wider
+    by_common = [moved[:, None] * runs.places, blurred[:, None], (level * bars)[:, None]]
+    by_common += [nodes * level[:, None]]
+    by_own = [terms * (model.level * light)[:, None]]
+    by_own += [part[:, None] for part in (moved, moved * across, blurred)]
+    return Seen(x, level, level * light, np.hstack(by_common), np.hstack(by_own))
+
+
+def amplitude(target: Bars) -> float:
+    """Of the fundamental of a target of amplitude 1."""
+    return 4 / math.pi if target.kind == "bars" else 1.0
+
+
+def nodes_of(target: Bars) -> Array:
+    """Frequencies at which the free curve is given, cycles/mm, shape (10,), rising."""
+    return np.linspace(min(target.cycles_per_mm), max(target.cycles_per_mm), NODES)
+
+
+def _free_curve(target: Bars, x: Array, contrast: Array) -> tuple[Array, Array]:
+    """What bars show at x mm by contrast 1 at each node alone, shape (n, 10), and the slope of what
+    they show by these contrasts, 1/mm, shape (n,). Harmonics count as far as the nodes reach.
+    """
+    nodes, frequency, turn = nodes_of(target), target.frequency(x), 2 * np.pi * target.phase(x)
+    shown, slope = np.zeros((len(x), NODES)), np.zeros(len(x))
+    for order in range(1, HIGHEST + 1, 2) if target.kind == "bars" else (1,):
+        place = (order * frequency - nodes[0]) / (nodes[1] - nodes[0])
+        here = np.flatnonzero(place <= NODES - 1)
+        node = np.clip(place[here].astype(np.int64), 0, NODES - 2)
+        part, size = place[here] - node, amplitude(target) / order
+        wave = size * np.sin(order * turn[here])
+        shown[here, node] += (1 - part) * wave
+        shown[here, node + 1] += part * wave
+        steep = size * 2 * np.pi * order * frequency[here] * np.cos(order * turn[here])
+        slope[here] += ((1 - part) * contrast[node] + part * contrast[node + 1]) * steep
+    return shown, slope
+
+
+def weights(runs: Runs, seen: Seen) -> tuple[Array, Array]:
+    """Variance of every run, DN^2, and its weight, that of grey: what a fit lacks of bars then
+    tells nothing of their light.
+    """
+    dark, shot = runs.dark, runs.shot
+    grey = dark + shot * np.maximum(seen.level, 0.0)
+    return dark + shot * np.maximum(seen.due, 0.0), 1 / grey
+
+
+def misfit_of(runs: Runs, seen: Seen, weight: Array) -> Array:
+    """Mean of what the runs of each view leave, over its noise, shape (V,)."""
+    return np.bincount(runs.view, (runs.read - seen.due) ** 2 * weight) / np.diff(runs.ends)
 
 
 @dataclass(frozen=True)
 class Equations:
-    """Normal equations of V views, one by one, priors of their own numbers counted in.
-
-    Attributes:
-        own: matrix of each view's own numbers, shape (V, 7, 7).
-        mixed: own against common, shape (V, 7, P).
-        normal: of the common parameters, shape (V, P, P).
-        right: its right side, shape (V, P).
-        own_right: of each view's own numbers, shape (V, 7).
-        inverse: of ``own``, where the views' own numbers were eliminated from ``normal`` and
-            ``right``, else empty.
+    """Normal equations, priors counted in: of what is common, matrix (17, 17) and right side (17,);
+    of each view's own numbers, (V, 7, 7) and (V, 7); own against common, (V, 7, 17); chi squared.
     """
 
-    own: Array
-    mixed: Array
-    normal: Array
+    common: Array
     right: Array
+    own: Array
     own_right: Array
-    inverse: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    mixed: Array
+    cost: float
+
+    def step(self, damping: float) -> tuple[Array, Array]:
+        """How far what is common and the views' own numbers move on a damped step."""
+        inverse, left, right = self.eliminated(damping)
+        common = inverse_of(left) @ right
+        own = np.einsum("vij,vj->vi", inverse, self.own_right - self.mixed @ common)
+        return common, own
+
+    def eliminated(self, damping: float = 0.0) -> tuple[Array, Array, Array]:
+        """The inverse of the views' own matrices, and matrix and right side of what is common
+        without the views' own numbers.
+        """
+        inverse = inverse_of(self.own * (1 + damping * np.eye(OWN)))
+        through = np.einsum("vip,vij->pvj", self.mixed, inverse)
+        left = self.common + damping * np.diag(np.diag(self.common))
+        left = left - np.einsum("pvj,vjq->pq", through, self.mixed)
+        return inverse, left, self.right - np.einsum("pvj,vj->p", through, self.own_right)
 
 
-def equations(
-    runs: Runs, model: Model, fit: Fit, seen: Seen, weight: Array
-) -> tuple[Equations, float]:
-    """The views' normal equations where a fit sees the runs, and chi squared without the common
-    prior.
-    """
-    root = np.sqrt(weight)
-    g, h = (part * root[:, None] for part in derivatives(runs, model, fit, seen))
-    rest, tie, ends = (runs.read - seen.due) * root, model.tie, runs.ends
-    cost = float(rest @ rest) + float(np.sum(fit.own**2 @ tie))
-    views = [slice(*pair) for pair in itertools.pairwise(ends)]
-    own = np.array([h[at].T @ h[at] for at in views]) + np.diag(tie)
-    mixed = np.array([h[at].T @ g[at] for at in views])
-    normal = np.array([g[at].T @ g[at] for at in views])
-    right = np.array([rest[at] @ g[at] for at in views])
-    pull = np.array([rest[at] @ h[at] for at in views]) - fit.own * tie
-    return Equations(own, mixed, normal, right, pull), cost
-
-
-def eliminated(raw: Equations, damping: float = 0.0) -> Equations:
-    """With the views' own numbers eliminated."""
-    inverse = inverse_of(raw.own * (1 + damping * np.eye(NUMBERS)))
-    through = np.einsum("vip,vij->vpj", raw.mixed, inverse)
-    return replace(
-        raw,
-        inverse=inverse,
-        normal=raw.normal - through @ raw.mixed,
-        right=raw.right - np.einsum("vpj,vj->vp", through, raw.own_right),
+def equations(runs: Runs, model: Model, fit: Fit, seen: Seen, weight: Array) -> Equations:
+    """Where a fit sees the runs."""
+    rest, root = (runs.read - seen.due)[:, None], np.sqrt(weight)[:, None]
+    columns = np.hstack([seen.by_common, seen.by_own, rest]) * root
+    sums = np.array([columns[a:b].T @ columns[a:b] for a, b in itertools.pairwise(runs.ends)])
+    precision, tie, off = model.doubt**-2.0, model.spread**-2.0, model.mean - fit.common
+    return Equations(
+        sums[:, :COMMON, :COMMON].sum(axis=0) + np.diag(precision),
+        sums[:, :COMMON, -1].sum(axis=0) + precision * off,
+        sums[:, COMMON:-1, COMMON:-1] + np.diag(tie),
+        sums[:, COMMON:-1, -1] - fit.own * tie,
+        sums[:, COMMON:-1, :COMMON],
+        float(sums[:, -1, -1].sum() + np.sum(fit.own**2 @ tie) + off**2 @ precision),
     )
 
 
-def fitted(
-    runs: Runs, model: Model, fit: Fit, rounds: int, close: float
-) -> tuple[Fit, Model, Array]:
-    """The fit of all runs, from one near by; the model with the views' spread, and the weights.
+def fitted(runs: Runs, model: Model, fit: Fit, close: float) -> tuple[Fit, Equations]:
+    """The fit of all runs: where chi squared is least (Levenberg and Marquardt).
 
     Args:
         runs: of pixels.
         model: what is known.
         fit: where to begin.
-        rounds: of weights and spreads.
-        close: fall of chi squared below which each has ended.
+        close: fall of chi squared below which it has ended.
     """
-    loose, weight = LOOSE * model.units, np.zeros(0)
-    model = replace(model, spread=loose)
-    for _ in range(rounds):
-        seen = look_at(runs, model, fit)
-        weight = weights(runs, seen)[1]
-        # a view that departs from the model has more noise than its pixels
-        misfit = _misfit((runs.read - seen.due) ** 2 * weight, runs)
-        weight = weight / np.maximum(misfit, 1.0)[runs.view]
-        fit = _centred(settle(fit, _looker(runs, model, weight), close, MOST_LOOKS))
-        raw, _ = equations(runs, model, fit, look_at(runs, model, fit), weight)
-        doubt = np.einsum("vii->vi", inverse_of(raw.own))
-        spread = np.minimum(np.sqrt(np.mean(fit.own**2 + doubt, axis=0)), loose)
-        spread[LIGHT] = loose[LIGHT]  # light has no mean that all views come near
-        model = replace(model, spread=spread)
-    return fit, model, weight
-
-
-def each_alone(runs: Runs, model: Model, fit: Fit) -> Fit:
-    """Every view's own numbers beside common parameters that are held; of a view that departs from
-    the fit the best of several blurs and shifts to start from.
-    """
-    own, misfit = _alone(runs, model, fit)
-    for disc, shift in itertools.product(DISCS, SHIFTS):
-        bad = misfit > STRANGE
-        if not bad.any():
-            break
-        start = np.zeros((np.count_nonzero(bad), NUMBERS))
-        start[:, SHIFT] = shift * model.pixel_seen
-        start[:, BLUR] = (disc * model.pixel_seen) ** 2 - fit.common[DISC]
-        trial, left = _alone(runs.part(bad[runs.view]), model, Fit(fit.common, start))
-        better = np.flatnonzero(bad)[left < misfit[bad]]
-        own[better], misfit[better] = trial[left < misfit[bad]], left[left < misfit[bad]]
-    return _centred(Fit(fit.common, own))
-
-
-def _centred(fit: Fit) -> Fit:
-    """The same, what the views have alike counted to what is common."""
-    common, own = fit.common.copy(), fit.own.copy()
-    for alike, number in ((0, SHIFT), (1, ACROSS), (DISC, BLUR)):
-        middle = float(np.median(own[:, number]))
-        common[alike] += middle
-        own[:, number] -= middle
-    return Fit(common, own)
-
-
-def _alone(runs: Runs, model: Model, fit: Fit) -> tuple[Array, Array]:
-    """The best own numbers of each view on a few steps from a fit, and their misfit."""
-    model = replace(model, spread=LOOSE * model.units)
-    own, kept, best = fit.own, fit.own.copy(), np.full(len(fit.own), np.inf)
-    for _ in range(STEPS_ALONE):
-        trial = Fit(fit.common, own)
-        seen = look_at(runs, model, trial)
-        weight = weights(runs, seen)[1]
-        misfit = _misfit((runs.read - seen.due) ** 2 * weight, runs)
-        kept[misfit < best], best = own[misfit < best], np.minimum(misfit, best)
-        raw, _ = equations(runs, model, trial, seen, weight)
-        own = own + np.einsum("vij,vj->vi", inverse_of(raw.own), raw.own_right)
-        own[:, BLUR] = np.maximum(own[:, BLUR], -fit.common[DISC])
-    return kept, best
-
-
-def _misfit(squares: Array, runs: Runs) -> Array:
-    """Mean of what the runs of each view leave, shape (V,)."""
-    return np.bincount(runs.view, squares) / np.diff(runs.ends)
-
-
-def _looker(
-    runs: Runs, model: Model, weight: Array
-) -> Callable[[Fit], tuple[float, Callable[[float], Fit]]]:
-    """Chi squared of a fit, its priors counted in, and where a damped step leads from there."""
-    precision = model.doubt**-2.0
-
-    def look(fit: Fit) -> tuple[float, Callable[[float], Fit]]:
-        raw, cost = equations(runs, model, fit, look_at(runs, model, fit), weight)
-        off = model.mean - fit.common
-
-        def step(damping: float) -> Fit:
-            found = eliminated(raw, damping)
-            normal = found.normal.sum(axis=0) + np.diag(precision)
-            normal += damping * np.diag(raw.normal.sum(axis=0).diagonal() + precision)
-            moved = inverse_of(normal) @ (found.right.sum(axis=0) + precision * off)
-            own = np.einsum("vij,vj->vi", found.inverse, raw.own_right - raw.mixed @ moved)
-            common, values = fit.common + moved, fit.own + own
-            common[DISC] = max(common[DISC], 0.0)
-            values[:, BLUR] = np.maximum(values[:, BLUR], -common[DISC])
-            return Fit(common, values)
-
-        return cost + float(off**2 @ precision), step
-
-    return look
+    seen = look_at(runs, model, fit)
+    weight = weights(runs, seen)[1]
+    # a view that departs from the model has more noise than its pixels
+    weight = weight / np.maximum(misfit_of(runs, seen, weight), 1.0)[runs.view]
+    here, damping = equations(runs, model, fit, seen, weight), FIRST
+    for _ in range(MOST_LOOKS):
+        trial = fit.moved(*here.step(damping))
+        there = equations(runs, model, trial, look_at(runs, model, trial), weight)
+        if there.cost < here.cost:
+            gained, fit, here = here.cost - there.cost, trial, there
+            damping *= EASED
+            if gained < close:
+                break
+        else:
+            damping *= RAISED
+    return fit, here
 
 
 def inverse_of(normal: Array) -> Array:

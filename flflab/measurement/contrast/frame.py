@@ -8,29 +8,28 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
-from flflab.measurement.contrast.model import Fit
-from flflab.measurement.contrast.runs import Runs, gather
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import (
     PixelSet,
     bright_pixels,
     microlens_type_of,
+    require_picture,
+    require_shape,
     scales_of,
     sensor_position,
 )
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.optics.camera import Camera
-from flflab.optics.contrast import cone_half_angle, far_light, lost_over_edges
+from flflab.optics.camera import Camera, Sensor
+from flflab.optics.contrast import cone_half_angle, far_light
 from flflab.optics.focus import blur, magnification
+from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms
-from flflab.targets import Bars
+from flflab.targets import Bars, BarsAlongY
 
 Array = npt.NDArray[np.float64]
 
 MARGIN_PX = 1.0  # within the bright field: keeps the averaging of the rim's pixels out
-FEWEST_PIXELS = 300
 NARROWEST = 7.0  # pixels, radius of what counts of a bright field
-MOST_SATURATED = 0.2
 MOST_LOST = 0.007  # of the light over one edge: nearer to it, what is lost follows the bars
 
 
@@ -41,7 +40,8 @@ class Frame:
     Attributes:
         values: DN, [row, col].
         lattice: of the micro-images.
-        camera: nominal.
+        sensor: nominal.
+        focal_lengths: of the microlens behind each micro-image, mm.
         smms: the kind of microlens that is measured.
         target: what stood there.
         distance: main lens to target, mm, nominal.
@@ -52,7 +52,8 @@ class Frame:
 
     values: npt.NDArray[np.generic]
     lattice: Lattice
-    camera: Camera
+    sensor: Sensor
+    focal_lengths: Array
     smms: Smms
     target: Bars
     distance: float
@@ -72,24 +73,45 @@ class Frame:
         return float(magnification(self.smms, 1 / self.distance))
 
 
+def frame_of(
+    picture: npt.NDArray[np.generic],
+    lattice: Lattice,
+    camera: Camera,
+    target: Bars,
+    distance: float,
+    noise: SensorNoise,
+    gains: Array | None,
+    wavelength: float | None,
+) -> Frame:
+    """Of the central kind of microlens; of bars along y with x and y exchanged.
+
+    Arguments and errors as ``flflab.measurement.contrast.curve.fit_contrast``.
+    """
+    require_shape(picture, camera, target.kind)
+    if picture.dtype.kind != "u":  # a copy of ten million pixels would cost as much as the fit
+        picture = require_picture(picture, camera, target.kind)
+    smms, focal, sensor = central_smms(camera), microlens_type_of(lattice, camera), camera.sensor
+    if isinstance(target, BarsAlongY):
+        picture, gains = picture.T, None if gains is None else gains.T
+        places, vectors = lattice.centres_px[:, ::-1], lattice.vectors_px[::-1]
+        lattice = replace(lattice, centres_px=places, vectors_px=vectors)
+        sensor = replace(sensor, resolution=sensor.resolution[::-1], offset=sensor.offset[::-1])
+        target = target.unturned
+    return Frame(picture, lattice, sensor, focal, smms, target, distance, noise, gains, wavelength)
+
+
 def on_target(frame: Frame) -> PixelSet:
     """Pixels of bright fields that look at the target well within its edges."""
-    target, lattice, sensor = frame.target, frame.lattice, frame.camera.sensor
-    kinds = len(frame.camera.array.focal_lengths)
+    target, lattice, sensor = frame.target, frame.lattice, frame.sensor
     chosen = np.ones(len(lattice.centres_px), dtype=np.bool_)
     radius = lattice.inside_radius_px
-    if kinds > 1:
-        chosen = microlens_type_of(lattice, frame.camera) == float(frame.smms.focal)
+    if len(set(frame.focal_lengths)) > 1:
+        chosen = frame.focal_lengths == float(frame.smms.focal)
         # a lattice of several kinds has the central one's measured radius
         radius = min(radius, float(frame.smms.inside_radius) / sensor.pixel)
-    if radius <= MARGIN_PX:
-        raise MeasurementError(
-            f"{target.kind} picture: the micro-images have no bright field; a larger f-number"
-            " gives one"
-        )
     if radius - MARGIN_PX < NARROWEST:
         raise MeasurementError(
-            f"{target.kind} picture: the bright fields are {2 * radius:.0f} px wide and"
+            f"{target.kind} picture: the bright fields are {max(2 * radius, 0.0):.0f} px wide and"
             f" {2 * (NARROWEST + MARGIN_PX):.0f} are due, in fewer one bar is easily taken for the"
             " next; choose another f-number"
         )
@@ -109,28 +131,9 @@ def places_of(frame: Frame, pixels: PixelSet) -> tuple[Array, Array]:
     """Of pixels from the centre of their micro-image, and of that centre, mm, each of shape
     (n, 2).
     """
-    sensor, at = frame.camera.sensor, np.stack([pixels.columns, pixels.rows], axis=1)
+    sensor, at = frame.sensor, np.stack([pixels.columns, pixels.rows], axis=1)
     centre = sensor_position(sensor, frame.lattice.centres_px)[pixels.lens]
     return sensor_position(sensor, at.astype(np.float64)) - centre, centre
-
-
-def runs_of(frame: Frame, pixels: PixelSet, rows: int) -> Runs:
-    """Runs of unsaturated pixels."""
-    kind = frame.target.kind
-    runs, saturated = gather(
-        frame.values, pixels, frame.lattice, frame.camera.sensor, frame.noise, rows, frame.gains
-    )
-    number = int(runs.pixels.sum())
-    if number < FEWEST_PIXELS:
-        raise MeasurementError(
-            f"{kind} picture: only {number} unsaturated pixels of bright fields look at the"
-            f" target, {FEWEST_PIXELS} are due; check exposure, f-number and the target's distance"
-        )
-    if saturated > MOST_SATURATED * len(pixels.rows):
-        raise MeasurementError(
-            f"{kind} picture: {saturated} pixels of bright fields are saturated; expose it shorter"
-        )
-    return runs
 
 
 def _margin(frame: Frame) -> float:
@@ -138,19 +141,5 @@ def _margin(frame: Frame) -> float:
     half_angle = float(cone_half_angle(frame.smms, 1 / frame.distance))
     waves = float(far_light(half_angle, frame.wavelength)) / MOST_LOST if frame.wavelength else 0.0
     return (
-        float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * frame.camera.sensor.pixel + waves
+        float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * frame.sensor.pixel + waves
     ) / frame.scale + 0.01 * frame.target.width
-
-
-def lost_light(frame: Frame, runs: Runs, fit: Fit, x: Array) -> Array:
-    """Share of the mean light that diffraction takes from each run over the target's edges, beyond
-    which it is dark, shape (n,).
-    """
-    if frame.wavelength is None:
-        return np.zeros(len(runs.read))
-    ends = np.array([frame.target.width, frame.target.height]) / 2
-    up = runs.places[:, 2] * fit.common[1] + runs.places[:, 4] * fit.common[3]
-    seen = np.stack([x, up], axis=1)
-    away = np.stack([ends - seen, ends + seen], axis=2).reshape(-1, 4) * frame.scale
-    half_angle = float(cone_half_angle(frame.smms, 1 / frame.distance))
-    return lost_over_edges(away, half_angle, frame.wavelength)

@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.measurement.lattice.lattice import Lattice
+from flflab.errors import MeasurementError
+from flflab.measurement.contrast.frame import Frame
 from flflab.measurement.lattice.registration import PixelSet, sensor_position
-from flflab.measurement.sensor.noise import SensorNoise
-from flflab.optics.camera import Sensor
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 # of a run's pixels saturated: what they lack of the light is then 2e-4 where noise is 1 % of it
 MOST_CLIPPED = 0.05
+FEWEST_PIXELS = 300
+MOST_SATURATED = 0.2
 
 
 @dataclass(frozen=True)
@@ -62,30 +63,15 @@ class Runs:
         return np.searchsorted(self.view, np.arange(len(self.lenses) + 1))
 
 
-def gather(
-    picture: npt.NDArray[np.generic],
-    pixels: PixelSet,
-    lattice: Lattice,
-    sensor: Sensor,
-    noise: SensorNoise,
-    rows: int,
-    gains: Array | None,
-) -> tuple[Runs, int]:
-    """Mean readings of runs of at most so many rows of a column.
+def runs_of(frame: Frame, pixels: PixelSet, rows: int) -> Runs:
+    """Mean readings of runs of at most so many rows of a column, few of whose pixels are saturated.
 
     Args:
-        picture: DN, [row, col].
+        frame: the picture.
         pixels: of bright fields, ordered by micro-image.
-        lattice: of the micro-images.
-        sensor: nominal.
-        noise: of a pixel.
         rows: in a run, whatever their filter.
-        gains: of the colour filter's four sub-lattices, shape (2, 2); None for a sensor without
-            filters.
-
-    Returns:
-        The runs of which few pixels are saturated, and how many pixels are.
     """
+    lattice, sensor, noise, gains = frame.lattice, frame.sensor, frame.noise, frame.gains
     parities = 1 if gains is None else 2
     lenses, view = np.unique(pixels.lens, return_inverse=True)
     corner = np.floor(lattice.centres_px[lenses] - lattice.outside_radius_px).astype(np.int64)
@@ -93,7 +79,7 @@ def gather(
     across, bands = int(column.max(initial=0)) + 1, int(row.max(initial=0)) // rows + 1
     key = ((view * across + column) * bands + row // rows) * parities + pixels.rows % parities
     size = len(lenses) * across * bands * parities
-    value = np.asarray(picture[pixels.rows, pixels.columns], dtype=np.float64)
+    value = np.asarray(frame.values[pixels.rows, pixels.columns], dtype=np.float64)
     clipped = value >= noise.full_scale_dn
 
     def total(values: npt.NDArray[Any] | None = None) -> Array:
@@ -118,4 +104,24 @@ def gather(
         of,
         lenses,
     )
-    return found.part(np.ones(len(run), dtype=np.bool_)), int(np.count_nonzero(clipped))
+    found = found.part(np.ones(len(run), dtype=np.bool_))
+    _require_enough(frame.target.kind, found, clipped)
+    return found
+
+
+def _require_enough(kind: str, runs: Runs, clipped: npt.NDArray[np.bool_]) -> None:
+    """Refuse too few pixels, or too many saturated ones.
+
+    Raises:
+        MeasurementError: see there.
+    """
+    number, saturated = int(runs.pixels.sum()), int(np.count_nonzero(clipped))
+    if number < FEWEST_PIXELS:
+        raise MeasurementError(
+            f"{kind} picture: only {number} unsaturated pixels of bright fields look at the"
+            f" target, {FEWEST_PIXELS} are due; check exposure, f-number and the target's distance"
+        )
+    if saturated > MOST_SATURATED * len(clipped):
+        raise MeasurementError(
+            f"{kind} picture: {saturated} pixels of bright fields are saturated; expose it shorter"
+        )
