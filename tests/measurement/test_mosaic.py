@@ -160,7 +160,7 @@ def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_withi
     truth = np.sinc(edges.cycles_per_px * math.cos(angle)) * np.sinc(
         edges.cycles_per_px * math.sin(angle)
     )
-    assert len(edges.views) == 9
+    assert len(found.lenses) == 9
     assert np.abs(edges.mtf - truth).max() < 4 * edges.uncertainty.max() + 1e-4
 
 
