@@ -63,7 +63,7 @@ def as_read(
     known_black = given.dark is not None or given.black_level is not None
     if noise is None:
         plane = numbers if given.pattern is None else brightest_filter(numbers)
-        found = estimate_noise(plane)
+        found = estimate_noise(plane, full)
         remarks += _remarks_on_black(found, plane) if known_black else []
     else:
         found = noise

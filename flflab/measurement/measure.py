@@ -15,7 +15,7 @@ from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
 from flflab.measurement.contrast.curve import fit_contrasts
 from flflab.measurement.dots.scale import unlike_the_description
-from flflab.measurement.dots.views import DotViews, count_views
+from flflab.measurement.dots.views import count_views
 from flflab.measurement.edges.views import measure_edges
 from flflab.measurement.in_json import result_json
 from flflab.measurement.lattice.lattice import Lattice
@@ -137,7 +137,7 @@ def _seen(
     if isinstance(target, FourDot):
         dots = count_views(values, lattice, camera, target, away, noise)
         unlike = unlike_the_description(dots[0].scale, camera, away) if dots[0].scale else []
-        remarks = [Remark("dots-unlike-camera", one) for one in unlike] + _remarks_on_limits(dots)
+        remarks = [Remark("dots-unlike-camera", one) for one in unlike]
         return {"dots": [dot_json(one) for one in dots]}, remarks, max(one.misfit for one in dots)
     mtf, by_view = list[dict[str, Any]](), list[dict[str, Any]]()
     if isinstance(target, Edge):
@@ -189,18 +189,3 @@ def _sharp_distance(camera: Camera) -> float:
             "measure: this camera is sharp at no real distance; give the target's distance"
         )
     return 1 / vergence
-
-
-def _remarks_on_limits(dots: tuple[DotViews, ...]) -> list[Remark]:
-    """Which counts of views hang on how much light is there."""
-    unsure = [dot for dot in dots if dot.views_uncertain]
-    if not unsure:
-        return []
-    said = ", ".join(f"{dot.views} +- {dot.views_uncertain} of dot {dot.dot}" for dot in unsure)
-    return [
-        Remark(
-            "views-at-limit",
-            "a view counts from half of the light expected there on, within the useful field; these"
-            f" numbers of views include images at that limit: {said}",
-        )
-    ]

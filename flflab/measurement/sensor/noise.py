@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -48,15 +48,7 @@ class SensorNoise:
             InputError: a number is not finite, gain not above 0, noise below 0, or full scale not
                 above the offset.
         """
-        if not all(
-            math.isfinite(value)
-            for value in (
-                self.dn_per_electron,
-                self.read_noise_dn,
-                self.offset_dn,
-                self.full_scale_dn,
-            )
-        ):
+        if not all(math.isfinite(value) for value in astuple(self)):
             raise InputError(f"sensor noise: every number must be finite, not {self}")
         if self.dn_per_electron <= 0 or self.read_noise_dn < 0:
             raise InputError(
@@ -102,9 +94,11 @@ class SensorNoise:
         return np.greater_equal(np.asarray(dn, dtype=np.float64), self.full_scale_dn)
 
 
-def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
+def estimate_noise(
+    picture: npt.NDArray[np.generic], full_scale_dn: float | None = None
+) -> SensorNoise:
     """Noise of a picture of which nothing else is known, from the differences of neighbouring
-    pixels at each brightness; full scale is far above all of it.
+    pixels at each brightness.
 
     Of four pixels a square the difference of the diagonals' sums tells the noise. Those along the
     diagonals are independent of it where there is nothing but noise, so the squares in which these
@@ -112,17 +106,23 @@ def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
     structure can only enlarge the result. The offset is the level of the dark gaps where there are
     some, else 0.
 
+    Args:
+        picture: DN, [row, col].
+        full_scale_dn: what saturated pixels read, which count nothing; None: there are none.
+
     Raises:
         MeasurementError: fewer than 3 x 3 pixels.
     """
     values = np.asarray(picture)
+    top = float(values.max(initial=0.0))
+    full = max(2 * top, 1.0) if full_scale_dn is None else full_scale_dn
     if values.ndim != 2 or min(values.shape) < 3:
         raise MeasurementError(f"picture: at least 3 x 3 pixels are due, not shape {values.shape}")
     every = max(1, int(math.sqrt(values.size / ENOUGH)))
     corners = itertools.product((values[:-1], values[1:]), (slice(None, -1), slice(1, None)))
-    here, right, below, across = (
-        rows[::every, columns][:, ::every].astype(np.float64) for rows, columns in corners
-    )
+    squares = np.stack([rows[::every, columns][:, ::every] for rows, columns in corners])
+    seen = squares.max(axis=0) < full
+    here, right, below, across = squares[:, seen if seen.any() else ~seen].astype(np.float64)
     mean = (here + right + below + across) / 4
     square = (across - below - right + here) ** 2 / 4
     steep = (across - here) ** 2 + (below - right) ** 2
@@ -132,12 +132,11 @@ def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
     gaps = mean <= low + 3 * math.sqrt(float(np.median(square[dimmest])))
     offset = float(np.median(mean[gaps])) if low < 0.2 * high else 0.0
     dark, gain = _line(mean - offset, square, steep, gaps, high - offset)
-    top = float(values.max())
     return SensorNoise(
         max(gain, 1e-9 * max(top, 1.0)),
         math.sqrt(max(dark - 1 / 12, 0.0)),
         offset,
-        max(2 * top, offset + 1.0),
+        max(full, offset + 1.0),
     )
 
 
