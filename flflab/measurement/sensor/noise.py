@@ -13,9 +13,9 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 ENOUGH = 500_000  # squares that are looked at, or up to four times as many
-FEWEST = 100  # squares, for a variance
+FEWEST = 30  # squares, for a variance
 DIM = 0.01  # of the range of brightness: gaps are as dark, and noise besides
-FLATTEST = 0.25  # of the squares of one brightness
+FLATTEST = 0.1  # of the squares of one brightness
 # of the squares, without warm pixels and dust; and the share of the variance that they hold
 USUAL, OF_USUAL = 0.99, 0.9155
 STEPS = 12  # of brightness
