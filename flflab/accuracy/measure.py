@@ -211,7 +211,7 @@ def _edge_case(side: int) -> Case:
 
     def free(picture: Array, noise: SensorNoise) -> Reading:
         edge = fit_edge(picture, None, np.sqrt(noise.variance(picture)))
-        mtf, doubt = line_spread([edge]).with_form(FREQUENCIES)
-        return Reading(mtf, truth, doubt)
+        mtf, own, form = line_spread(edge).mtf(FREQUENCIES)
+        return Reading(mtf, truth, np.hypot(own, form))
 
     return Case(EDGE, picture, {FREE: free})

@@ -13,27 +13,21 @@ from flflab.errors import MeasurementError
 from flflab.files.raw import RawPicture
 from flflab.files.sensor_picture import SensorPicture, from_raw
 from flflab.measurement.lattice.registration import require_shape
-from flflab.measurement.sensor.cut_darkness import (
-    CutDarkness,
-    find_cut,
-    mend,
-    quiet_pixels,
-    remark_on,
-)
+from flflab.measurement.sensor.cut_darkness import find_cut, mend
 from flflab.measurement.sensor.mosaic import (
     Mosaic,
     brightest_filter,
     measure_gains,
     require_no_filters,
 )
-from flflab.measurement.sensor.noise import FULL_SCALES, SensorNoise, estimate_noise
+from flflab.measurement.sensor.noise import SensorNoise, estimate_noise
 from flflab.measurement.sensor.saturation import common_step, saturation_level
 from flflab.optics.camera import Camera
 from flflab.remark import Remark
 
+FULL_SCALES = tuple(2**bits - 1 for bits in (8, 10, 12, 14, 16))
 SCALED_WHITE_DN = 4000.0
 NEXT_TO_NONE = 5e-4  # of the brightest light: no sensor has less noise in a single picture
-FEWEST_CUT = 1e-3  # of the pixels at the lowest number: with fewer nothing is cut
 BELOW_BLACK = 0.01  # of the light: gaps that read less than that below black
 
 
@@ -69,7 +63,7 @@ def as_read(
     known_black = given.dark is not None or given.black_level is not None
     if noise is None:
         plane = numbers if given.pattern is None else brightest_filter(numbers)
-        found = estimate_noise(plane)
+        found = estimate_noise(plane, full)
         remarks += _remarks_on_black(found, plane) if known_black else []
     else:
         found = noise
@@ -80,11 +74,7 @@ def as_read(
     )
     mosaic = _through_filters(numbers, given.pattern, found, remarks)
     if noise is None:
-        if given.dark is not None:
-            remarks += _remarks_on_cut_dark(given)
-        elif (cut := _cut(mosaic.values)) is not None:
-            mosaic = mend(mosaic, cut)
-            remarks.append(remark_on(cut))
+        mosaic = _with_mended_darkness(mosaic, given, remarks)
         remarks.append(_remark_on_noise(mosaic))
     return mosaic, remarks
 
@@ -153,28 +143,24 @@ def _full_scale(
     """What a saturated pixel reads, as stored: where pixels pile up, else what is said, else the
     largest number of some bits; None where nothing tells.
     """
-    values = given.values
     if noise is not None:
         return noise.full_scale_dn if given.full_scale is None else given.full_scale
+    values, stated = given.values, given.full_scale
+    if stated is None and values.dtype.kind in "ui" and (top := int(values.max())) in FULL_SCALES:
+        stated = top
     level = saturation_level(values if given.pattern is None else brightest_filter(values))
-    if level is not None and not level >= (given.full_scale or math.inf):
-        share = float(np.mean(values >= level))
-        expected = given.full_scale is None and values.dtype.kind != "f" and level in FULL_SCALES
-        if not expected:
-            below = f", below the full scale of {given.full_scale:g}" if given.full_scale else ""
-            remarks.append(
-                Remark(
-                    "saturation-found",
-                    f"{100 * share:.2g} % of the pixels pile up at {level:g} DN{below}: taken for"
-                    " saturated; expose shorter, or give what a saturated pixel reads"
-                    " (--full-scale)",
-                )
-            )
-        return level
-    if given.full_scale is not None:
-        return given.full_scale
-    top = float(values.max())
-    return top if values.dtype.kind in "ui" and top in FULL_SCALES else None
+    if level is None or level >= (stated or math.inf):
+        return stated
+    below = f", below the full scale of {stated:g}" if stated else ""
+    remarks.append(
+        Remark(
+            "saturation-found",
+            f"{100 * float(np.mean(values >= level)):.2g} % of the pixels pile up at {level:g} DN"
+            f"{below}: taken for saturated; expose shorter, or give what a saturated pixel reads"
+            " (--full-scale)",
+        )
+    )
+    return level
 
 
 def _above_black(
@@ -233,24 +219,31 @@ def _through_filters(
     return Mosaic(numbers, noise, gains)
 
 
-def _cut(values: npt.NDArray[np.floating]) -> CutDarkness | None:
-    """Where darkness is cut, judged by the pixels whose neighbours are darkest."""
-    if np.mean(values == values.min()) < FEWEST_CUT:
-        return None
-    return find_cut(values[quiet_pixels(values)])
-
-
-def _remarks_on_cut_dark(given: SensorPicture) -> list[Remark]:
-    """A remark where the dark frame subtracts what noise that was cut does not have."""
-    if _cut(given.values) is None:
-        return []
-    return [
+def _with_mended_darkness(mosaic: Mosaic, given: SensorPicture, remarks: list[Remark]) -> Mosaic:
+    """The picture with dark pixels right on average where noise below 0 was cut."""
+    if given.values.min() != 0:
+        return mosaic
+    if given.dark is not None:
+        if find_cut(given.values.astype(np.float64)) is not None:
+            remarks.append(
+                Remark(
+                    "darkness-cut",
+                    "noise below 0 DN was clipped in this picture, perhaps in the dark frame too:"
+                    " dim light reads too high. Save pictures with a black level above 0",
+                )
+            )
+        return mosaic
+    cut = find_cut(mosaic.values)
+    if cut is None:
+        return mosaic
+    remarks.append(
         Remark(
             "darkness-cut",
-            "noise below the lowest number was clipped in this picture, perhaps in the dark frame"
-            " too: dim light reads too high. Save pictures with a black level above 0",
+            f"noise below 0 DN was clipped in this picture; its mean ({cut.below_dn:.3g} DN) was"
+            " estimated. Save pictures with a black level above 0",
         )
-    ]
+    )
+    return mend(mosaic, cut)
 
 
 def _remark_on_noise(mosaic: Mosaic) -> Remark:

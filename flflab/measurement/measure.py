@@ -15,8 +15,9 @@ from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
 from flflab.measurement.contrast.curve import fit_contrasts
 from flflab.measurement.dots.scale import unlike_the_description
-from flflab.measurement.dots.views import DotViews, count_views
+from flflab.measurement.dots.views import count_views
 from flflab.measurement.edges.views import measure_edges
+from flflab.measurement.in_json import result_json
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.nominal import nominal_lattice
 from flflab.measurement.measure_json import (
@@ -27,11 +28,7 @@ from flflab.measurement.measure_json import (
     views_contrast_json,
     views_edge_json,
 )
-from flflab.measurement.presence import (
-    brightest_light,
-    require_blur_within,
-    require_light,
-)
+from flflab.measurement.presence import require_blur_within, require_light
 from flflab.measurement.sensor.mosaic import Mosaic
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.white import measure_described
@@ -95,15 +92,14 @@ def measure(
     require_light(values, evened, target)
     away = _sharp_distance(camera) if distance is None else distance
     if white is None:
-        lattice, remark = _nominal(camera, brightest_light(values, evened))
+        lattice, remark = _nominal(camera)
         if isinstance(target, FourDot):
             require_blur_within(lattice, camera, away)
         shown = lattice_json(lattice)
         remarks.append(remark)
     else:
         beside = measure_described(white, camera, noise)
-        lattice, shown = beside.lattice, beside.json()["lattice"]
-        del shown["micro_images"]
+        lattice, shown = beside.lattice, beside.lattice_json()
         remarks += [Remark(one.code, f"white picture: {one.sentence}") for one in beside.remarks]
     try:
         result, more, misfit = _seen(mosaic, lattice, camera, target, away)
@@ -115,7 +111,7 @@ def measure(
             " (--white)"
         ) from error
     remarks += more
-    saturated = float(np.mean(values >= evened.saturated_dn))
+    saturated = float(np.mean(evened.saturated(values)))
     if saturated > 0:
         remarks.append(
             Remark("saturated", f"{100 * saturated:.2g} % of the pixels are saturated and left out")
@@ -128,20 +124,9 @@ def measure(
                 " noise; stated uncertainties count it as it scatters from view to view",
             )
         )
-    return {
-        "lattice": shown,
-        "dots": [],
-        "mtf": [],
-        "mtf_by_view": [],
-        **result,
-        "picture": {
-            "saturated_share": saturated,
-            "misfit": misfit,
-            "offset_dn": evened.offset_dn,
-        },
-        "remarks": [remark.sentence for remark in remarks],
-        "remark_codes": [remark.code for remark in remarks],
-    }
+    nothing = {"dots": list[Any](), "mtf": list[Any](), "mtf_by_view": list[Any]()}
+    seen = {"lattice": shown} | nothing | result
+    return result_json(seen, remarks, saturated, misfit, evened.offset_dn)
 
 
 def _seen(
@@ -152,7 +137,7 @@ def _seen(
     if isinstance(target, FourDot):
         dots = count_views(values, lattice, camera, target, away, noise)
         unlike = unlike_the_description(dots[0].scale, camera, away) if dots[0].scale else []
-        remarks = [Remark("dots-unlike-camera", one) for one in unlike] + _remarks_on_limits(dots)
+        remarks = [Remark("dots-unlike-camera", one) for one in unlike]
         return {"dots": [dot_json(one) for one in dots]}, remarks, max(one.misfit for one in dots)
     mtf, by_view = list[dict[str, Any]](), list[dict[str, Any]]()
     if isinstance(target, Edge):
@@ -175,9 +160,9 @@ def _seen(
     return {"mtf": mtf, "mtf_by_view": by_view}, remarks, max(curve.misfit for curve in curves)
 
 
-def _nominal(camera: Camera, light_dn: float) -> tuple[Lattice, Remark]:
+def _nominal(camera: Camera) -> tuple[Lattice, Remark]:
     """The camera's nominal lattice, as sure as a description is of its bench, and a remark."""
-    lattice = nominal_lattice(camera, light_dn)
+    lattice = nominal_lattice(camera, 1.0)
     wider, turned = lattice.vectors_px.T.ravel(), (lattice.vectors_px.T @ [[0, 1], [-1, 0]]).ravel()
     covariance = np.zeros((6, 6))
     covariance[:2, :2] = NOMINAL_PX**2 * np.eye(2)
@@ -204,18 +189,3 @@ def _sharp_distance(camera: Camera) -> float:
             "measure: this camera is sharp at no real distance; give the target's distance"
         )
     return 1 / vergence
-
-
-def _remarks_on_limits(dots: tuple[DotViews, ...]) -> list[Remark]:
-    """Which counts of views hang on how much light is there."""
-    unsure = [dot for dot in dots if dot.views_uncertain]
-    if not unsure:
-        return []
-    said = ", ".join(f"{dot.views} +- {dot.views_uncertain} of dot {dot.dot}" for dot in unsure)
-    return [
-        Remark(
-            "views-at-limit",
-            "a view counts from half of the light expected there on, within the useful field; these"
-            f" numbers of views include images at that limit: {said}",
-        )
-    ]

@@ -11,6 +11,7 @@ from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
 from flflab.measurement.edges.curve import curve_of
 from flflab.measurement.edges.edge import fit_edge
+from flflab.measurement.in_json import points_json, result_json
 
 HALF_PX = 150  # of the square round the edge's middle that is measured
 COARSE = 200  # pixels a side in which the edge is looked for
@@ -38,32 +39,21 @@ def measure_plain_edge(picture: npt.NDArray[Any] | RawPicture | SensorPicture) -
     edge = fit_edge(patch, ~full, np.sqrt(noise.variance(patch)))
     curve = curve_of([edge])
     remarks += curve.remarks
-    return {
-        "mtf": [
-            {
-                "cycles_per_px": float(u),
-                "contrast": float(one),
-                "uncertainty": float(unsure),
-                "esfr": float(beside) if math.isfinite(beside) else None,
-            }
-            for u, one, unsure, beside in zip(
-                curve.cycles_per_px, curve.mtf, curve.uncertainty, curve.esfr, strict=True
-            )
-        ],
+    seen = {
+        "mtf": points_json(
+            cycles_per_px=curve.cycles_per_px,
+            contrast=curve.mtf,
+            uncertainty=curve.uncertainty,
+            esfr=curve.esfr,
+        ),
         "edge": {
             "angle_deg": math.degrees(edge.angle),
-            "place_px": (edge.place_px + corner).tolist(),
-            "skirt_share": curve.views[0].skirt,
+            "place_px": edge.place_px + corner,
+            "skirt_share": curve.skirt,
             "pixels": len(edge.pixels.values),
         },
-        "picture": {
-            "saturated_share": float(np.mean(full)),
-            "misfit": edge.misfit,
-            "offset_dn": noise.offset_dn,
-        },
-        "remarks": [remark.sentence for remark in remarks],
-        "remark_codes": [remark.code for remark in remarks],
     }
+    return result_json(seen, remarks, np.mean(full), curve.misfit, noise.offset_dn)
 
 
 def _around_the_edge(

@@ -11,6 +11,7 @@ from flflab.errors import MeasurementError
 from flflab.files.raw import RawPicture
 from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
+from flflab.measurement.in_json import result_json
 from flflab.measurement.lattice.kernel import LIGHT, WIDER
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.plausible import require_white
@@ -20,7 +21,7 @@ from flflab.measurement.lattice.with_camera import CameraWhite, white_behind
 from flflab.measurement.presence import require_light
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.unlike_camera import unlike_the_camera
-from flflab.measurement.white_json import described_lattice_json, white_lattice_json
+from flflab.measurement.white_json import micro_images_json, white_lattice_json
 from flflab.measurement.white_remarks import remarks_on_white
 from flflab.optics.camera import Camera
 from flflab.remark import Remark
@@ -62,24 +63,21 @@ class MeasuredWhite:
             )
         return self.behind.lattice
 
+    def lattice_json(self) -> dict[str, Any]:
+        """As ``flflab measure --json`` says it, but for the single micro-images."""
+        return white_lattice_json(self.white, self.types, self.picture.shape, self.behind)
+
     def json(self) -> dict[str, Any]:
         """As ``flflab measure --json`` says it."""
-        saturated = float(np.mean(self.picture >= self.noise.saturated_dn))
-        lattice = white_lattice_json(self.white, self.types, self.picture.shape)
-        if self.camera is not None and self.behind is not None:
-            lattice = described_lattice_json(lattice, self.behind, self.camera)
-        return {
-            "lattice": lattice,
-            "dots": [],
-            "mtf": [],
-            "picture": {
-                "saturated_share": saturated,
-                "misfit": self.white.misfit,
-                "offset_dn": self.noise.offset_dn,
-            },
-            "remarks": [remark.sentence for remark in self.remarks],
-            "remark_codes": [remark.code for remark in self.remarks],
+        white, shape = self.white, self.picture.shape
+        each = micro_images_json(white, self.types, shape, self.camera, self.behind)
+        seen = {
+            "lattice": self.lattice_json() | {"micro_images": each},
+            "dots": list[Any](),
+            "mtf": list[Any](),
         }
+        saturated = _saturated(self.picture, self.noise)
+        return result_json(seen, self.remarks, saturated, white.misfit, self.noise.offset_dn)
 
 
 def measure_blind(picture: Picture, noise: SensorNoise | None = None) -> MeasuredWhite:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from flflab.measurement.in_json import points_json
 from flflab.measurement.lattice.find import pitch_and_angle
 from flflab.measurement.lattice.grid import by_vectors
 from flflab.measurement.lattice.kernel import LIGHT, SOFTER, WIDER, X, Y
@@ -56,129 +57,117 @@ def figures_of(white: WhitePicture, shape: tuple[int, ...]) -> LatticeFigures:
     return LatticeFigures(middle, np.array([pitch, angle, *origin]), own, common)
 
 
-def white_lattice_json(white: WhitePicture, types: Types, shape: tuple[int, ...]) -> dict[str, Any]:
-    """The lattice and every micro-image, the origin being the one nearest the picture's middle."""
+def white_lattice_json(
+    white: WhitePicture, types: Types, shape: tuple[int, ...], behind: CameraWhite | None
+) -> dict[str, Any]:
+    """The lattice, the origin being the micro-image nearest the middle of a picture of this shape,
+    and what a camera's shape tells besides: pitch and radii of chief rays.
+    """
     grid, figures = white.grid, figures_of(white, shape)
+    radius, softness = sizes_of(white)
+    columns = np.stack([radius, softness, white.values[:, LIGHT]], axis=1)[white.whole]
     of_type = types.of_each[white.whole]
-    wider, softer = white.values[:, WIDER], white.values[:, SOFTER]
-    radius, softness = white.profile.radius + wider, white.profile.softness * np.exp(softer)
-    light = white.values[white.whole, LIGHT]
-    kinds = [
-        {
-            "type": k,
-            "count": int(np.count_nonzero(of_type == k)),
-            "radius_px": float(np.median(radius[white.whole][of_type == k])),
-            "softness_px": float(np.median(softness[white.whole][of_type == k])),
-            "light": float(np.median(light[of_type == k])),
+    medians = np.array([np.median(columns[of_type == k], axis=0) for k in range(types.count)])
+    radii = {"inside_radius_px": None, "outside_radius_px": None}
+    sure = _by_name(np.hypot(figures.own, figures.common)) | {
+        "u_own": _by_name(figures.own),
+        "u_common": {"definition": _by_name(figures.common)},
+        "dof": grid.freedom,
+    }
+    if behind is not None:
+        one = behind.lattice
+        radii = {
+            "chief_pitch_px": one.pitch_px,
+            "inside_radius_px": one.inside_radius_px,
+            "outside_radius_px": one.outside_radius_px,
         }
-        for k in range(types.count)
-    ]
-    return {
+        sure |= {
+            "chief_pitch_px": one.pitch_uncertainty_px,
+            "inside_radius_px": one.inside_uncertainty_px,
+            "outside_radius_px": one.outside_uncertainty_px,
+        }
+    return radii | {
         "layout": grid.layout,
-        "pitch_px": float(figures.values[0]),
-        "angle_deg": math.degrees(float(figures.values[1])),
-        "origin_px": figures.values[2:].tolist(),
-        "vectors_px": grid.vectors_px.T.tolist(),
+        "pitch_px": figures.values[0],
+        "angle_deg": math.degrees(figures.values[1]),
+        "origin_px": figures.values[2:],
+        "vectors_px": grid.vectors_px.T,
         "residual_px": grid.residual_px,
         "scatter_px": grid.scatter_px,
-        "centres_px": white.values[:, :2].tolist(),
-        "inside_radius_px": None,
-        "outside_radius_px": None,
+        "centres_px": white.values[:, :2],
         "radius_px": white.profile.radius,
         "softness_px": white.profile.softness,
-        "types": kinds,
+        "types": points_json(
+            type=np.arange(types.count),
+            count=np.bincount(of_type, minlength=types.count),
+            radius_px=medians[:, 0],
+            softness_px=medians[:, 1],
+            light=medians[:, 2],
+        ),
         "distortion": {"degree": grid.degree, "bend_px": grid.bend_px},
-        "uncertainty": _by_name(np.hypot(figures.own, figures.common))
-        | {
-            "u_own": _by_name(figures.own),
-            "u_common": {"definition": _by_name(figures.common)},
-            "dof": grid.freedom,
-        },
-        "micro_images": _micro_images(white, types, figures.middle, radius, softness),
+        "uncertainty": sure,
     }
 
 
-def _by_name(values: Array) -> dict[str, Any]:
-    pitch, angle, *origin = (float(one) for one in values)
-    return {"pitch_px": pitch, "angle_deg": math.degrees(angle), "origin_px": origin}
-
-
-def _micro_images(
+def micro_images_json(
     white: WhitePicture,
     types: Types,
-    middle: npt.NDArray[np.int64],
-    radius: Array,
-    softness: Array,
+    shape: tuple[int, ...],
+    camera: Camera | None,
+    behind: CameraWhite | None,
 ) -> list[dict[str, Any]]:
-    own = np.sqrt(np.einsum("nkk->nk", white.spread.covariance))
-    centre = np.hypot(own[:, [X, Y]], white.definition_px[:, None])
-    return [
-        {
-            "index": (white.indices[n] - middle).tolist(),
-            "seen": bool(white.found[n]),
-            "whole": bool(white.whole[n]),
-            "centre_px": white.values[n, :2].tolist(),
-            "light": float(white.values[n, LIGHT]),
-            "light_uncertainty": float(own[n, LIGHT]),
-            "radius_px": float(radius[n]),
-            "softness_px": float(softness[n]),
-            "type": int(types.of_each[n]),
-            "inside_radius_px": None,
-            "outside_radius_px": None,
-            "uncertainty": {
-                "centre_px": centre[n].tolist(),
-                "radius_px": float(own[n, WIDER]),
-                "u_own": {"centre_px": own[n, [X, Y]].tolist()},
-                "u_common": {"definition": {"centre_px": float(white.definition_px[n])}},
-            },
-        }
-        for n in range(len(white.indices))
-    ]
-
-
-def described_lattice_json(
-    lattice: dict[str, Any], found: CameraWhite, camera: Camera
-) -> dict[str, Any]:
-    """The same with what a camera's shape tells besides: pitch of chief rays, bright and total
-    radii, measured and by the camera's description.
-
-    Args:
-        lattice: see ``white_lattice_json``.
-        found: measured with the camera's file.
-        camera: as described.
+    """Every micro-image; with a camera also its bright and total radius, as measured and by the
+    camera's description.
     """
-    one = found.lattice
-    sure = {
-        "chief_pitch_px": one.pitch_uncertainty_px,
-        "inside_radius_px": one.inside_uncertainty_px,
-        "outside_radius_px": one.outside_uncertainty_px,
+    own = np.sqrt(np.einsum("nkk->nk", white.spread.covariance))
+    common, (radius, softness) = white.definition_px, sizes_of(white)
+    uncertainty: dict[str, Any] = {
+        "centre_px": np.hypot(own[:, [X, Y]], common[:, None]),
+        "radius_px": own[:, WIDER],
+        "u_own": points_json(centre_px=own[:, [X, Y]]),
+        "u_common": [{"definition": {"centre_px": one}} for one in common],
     }
-    large, small = found.radii_px.T
-    by = np.array([[1.0, -1.0], [1.0, 1.0]])
-    spreads = by @ found.radii_covariance_px @ by.T
-    doubts = np.sqrt(np.maximum(np.einsum("nkk->nk", spreads), 0.0))
+    more: dict[str, Any] = {"inside_radius_px": None, "outside_radius_px": None}
+    if camera is not None and behind is not None:
+        radii, doubts = measured_radii(behind)
+        more = _both(radii) | {"model": points_json(**_both(nominal_radii(camera, behind.kind)))}
+        uncertainty |= _both(doubts)
+    return points_json(
+        index=white.indices - figures_of(white, shape).middle,
+        seen=white.found,
+        whole=white.whole,
+        centre_px=white.values[:, :2],
+        light=white.values[:, LIGHT],
+        light_uncertainty=own[:, LIGHT],
+        radius_px=radius,
+        softness_px=softness,
+        type=types.of_each,
+        uncertainty=points_json(**uncertainty),
+        **more,
+    )
+
+
+def sizes_of(white: WhitePicture) -> tuple[Array, Array]:
+    """Radius at half light and softness of each micro-image, px, shape (n,)."""
+    profile = white.profile
+    return (
+        profile.radius + white.values[:, WIDER],
+        profile.softness * np.exp(white.values[:, SOFTER]),
+    )
+
+
+def measured_radii(behind: CameraWhite) -> tuple[Array, Array]:
+    """Radii of bright and total field of each micro-image and their standard uncertainties, px,
+    shape (n, 2); nan where a micro-image does not show them.
+    """
+    large, small = behind.radii_px.T
     radii = np.stack([np.abs(large - small), large + small], axis=1)
-    known = found.white.found & (doubts.max(axis=1) < KNOWN * one.outside_radius_px)
-    model = nominal_radii(camera, found.kind)
-    each = [
-        before
-        | _both(radii[n], bool(known[n]))
-        | {"uncertainty": before["uncertainty"] | _both(doubts[n], bool(known[n]))}
-        | {"model": _both(model[n], True)}
-        for n, before in enumerate(lattice["micro_images"])
-    ]
-    return lattice | {
-        "chief_pitch_px": one.pitch_px,
-        "inside_radius_px": one.inside_radius_px,
-        "outside_radius_px": one.outside_radius_px,
-        "uncertainty": lattice["uncertainty"] | sure,
-        "micro_images": each,
-    }
-
-
-def _both(radii: Array, known: bool) -> dict[str, float | None]:
-    names = "inside_radius_px", "outside_radius_px"
-    return {name: float(one) if known else None for name, one in zip(names, radii, strict=True)}
+    by = np.array([[1.0, -1.0], [1.0, 1.0]])
+    spreads = by @ behind.radii_covariance_px @ by.T
+    doubts = np.sqrt(np.maximum(np.einsum("nkk->nk", spreads), 0.0))
+    known = behind.white.found & (doubts.max(axis=1) < KNOWN * behind.lattice.outside_radius_px)
+    radii[~known] = doubts[~known] = math.nan
+    return radii, doubts
 
 
 def nominal_radii(camera: Camera, kind: npt.NDArray[np.int64]) -> Array:
@@ -190,3 +179,16 @@ def nominal_radii(camera: Camera, kind: npt.NDArray[np.int64]) -> Array:
     for smms in type_smms(camera):
         radii[focal == float(smms.focal)] = float(smms.inside_radius), float(smms.outside_radius)
     return radii / camera.sensor.pixel
+
+
+def _both(radii: Array) -> dict[str, Array]:
+    return {"inside_radius_px": radii[:, 0], "outside_radius_px": radii[:, 1]}
+
+
+def _by_name(values: Array) -> dict[str, Any]:
+    """Pitch, angle and origin as ``LatticeFigures`` has them."""
+    return {
+        "pitch_px": values[0],
+        "angle_deg": math.degrees(values[1]),
+        "origin_px": values[2:],
+    }

@@ -19,13 +19,14 @@ Picture = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 SATURATED = 1e-4  # of the pixels
-MISFIT = 0.05  # of the light: white pictures leave 1 or 2 %
-DEAD_LIGHT = 0.5  # of what the lenses round it get
+# of the light: white pictures leave 1 or 2 %; and of a micro-image's pixels, left out as dust is
+MISFIT, LEFT_OUT = 0.05, 0.05
 PLATEAU = 0.6  # of the radius, within which light is even
+ENOUGH = 4_000_000  # pixels: of twice as many every second row is looked at, and so on
 WARM, LEAST_WARM, OFTEN = 8.0, 0.02, 1e-5  # standard deviations, of the light; share of the pixels
 LINES = 3.0  # times as far as noise scatters the means of columns
 STEP, LEAST_STEP = 8.0, 2e-3  # the same of a single one, and of the light
-FEWEST, FEWEST_DARK = 30, 300  # pixels
+FEWEST, FEWEST_FLAT = 30, 300  # pixels
 BENT_PX = 0.05
 SHEARED = 1.0005  # stretch along one direction against that across it
 SECOND_STOP = 0.02  # of their radius, by which micro-images narrow towards the corners
@@ -40,15 +41,17 @@ def remarks_on_white(picture: Picture, noise: SensorNoise, white: WhitePicture) 
         noise: of the sensor.
         white: what was measured.
     """
-    every = [_on_saturation(picture, noise), _on_misfit(white), _on_dead(white)]
-    if white.misfit < MISFIT:  # else what follows is the scene
-        light, flat = float(np.median(white.values[white.whole, LIGHT])), _plateaus(picture, white)
+    misfit = _on_misfit(white)
+    every = [_on_saturation(picture, noise), misfit, _on_lost(white)]
+    if misfit is None:  # else what follows is the scene
+        light = float(np.median(white.values[white.whole, LIGHT]))
+        left, flat = picture - _modelled(picture, white), _plateaus(picture, white)
         every += [
             _on_bend(white),
             _on_stop(white),
-            _on_lines(picture - _modelled(picture, white), flat, noise, light),
+            _on_lines(left, flat, noise, light),
             _on_warm(picture, noise, light),
-            _on_gamma(picture, flat, noise, light),
+            _on_gamma(left, flat, noise),
         ]
     return [remark for remark in every if remark is not None]
 
@@ -76,27 +79,26 @@ def _on_saturation(picture: Picture, noise: SensorNoise) -> Remark | None:
 
 
 def _on_misfit(white: WhitePicture) -> Remark | None:
-    if white.misfit < MISFIT:
+    pixels, left_out = white.spread.pixels[white.whole], white.spread.left_out[white.whole]
+    lost = float(np.median(left_out / np.maximum(pixels + left_out, 1)))
+    if white.misfit < MISFIT and lost < LEFT_OUT:
         return None
     return Remark(
         "misfit",
         f"light within micro-images departs by {100 * white.misfit:.0f} % from their common"
-        " profile, 1 or 2 % are usual: was the target evenly lit and the picture left as it was"
-        " read?",
+        f" profile, 1 or 2 % are usual, beside {100 * lost:.0f} % of their pixels that do not fit"
+        " at all: was the target evenly lit and the picture left as it was read?",
     )
 
 
-def _on_dead(white: WhitePicture) -> Remark | None:
-    """Lenses that are dark or missing amid others."""
-    light = white.values[:, LIGHT]
-    usual = float(np.median(light[white.whole]))
-    dark = ~white.found | (light < DEAD_LIGHT * usual)
+def _on_lost(white: WhitePicture) -> Remark | None:
+    """Lenses that are dark or missing amid others, or stand aside."""
     centres = white.values[:, :2]
     aside = np.abs(centres - np.median(centres[white.whole], axis=0))
     inner = (aside <= np.quantile(aside[white.whole], 0.7, axis=0)).all(axis=1)
     lost = np.count_nonzero(~white.found & inner)
     off = np.count_nonzero(white.grid.off)
-    if lost + off == 0 or not dark.any():
+    if lost + off == 0:
         return None
     return Remark(
         "lenses-off",
@@ -152,24 +154,22 @@ def _on_stop(white: WhitePicture) -> Remark | None:
     )
 
 
-def _on_lines(picture: Picture, flat: Mask, noise: SensorNoise, light: float) -> Remark | None:
+def _on_lines(left: Picture, flat: Mask, noise: SensorNoise, light: float) -> Remark | None:
     """Whether columns or rows differ by more than noise, by second differences across them in what
     micro-images leave.
     """
-    for name, values, inside in (("columns", picture, flat), ("rows", picture.T, flat.T)):
-        three = inside[:, 2:] & inside[:, 1:-1] & inside[:, :-2]
-        step = np.where(three, values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2], 0.0)
-        usual = three & (
-            np.abs(step) < 6 * math.sqrt(6 * float(noise.variance(light + noise.offset_dn)))
-        )
+    every = 1 + left.size // ENOUGH
+    spread = math.sqrt(6 * float(noise.variance(light + noise.offset_dn)))
+    for name, values, inside in (("columns", left, flat), ("rows", left.T, flat.T)):
+        step, there = _second_differences(values[::every], inside[::every])
+        usual = there & (np.abs(step) < 6 * spread)
         count = usual.sum(axis=0)
         enough = count > FEWEST
         if np.count_nonzero(enough) < FEWEST:
             continue
         means = np.where(usual, step, 0.0).sum(axis=0)[enough] / count[enough]
         means -= np.median(means)
-        due = np.sqrt(6 * float(noise.variance(light + noise.offset_dn)) / count[enough])
-        found = 1.48 * float(np.median(np.abs(means)))
+        due, found = spread / np.sqrt(count[enough]), 1.48 * float(np.median(np.abs(means)))
         steps = np.abs(means) > np.maximum(STEP * np.maximum(due, found), LEAST_STEP * light)
         if found > LINES * float(np.median(due)) or steps.any():
             size = max(found / math.sqrt(6), float(np.abs(means[steps]).max(initial=0.0)) / 2)
@@ -182,12 +182,20 @@ def _on_lines(picture: Picture, flat: Mask, noise: SensorNoise, light: float) ->
     return None
 
 
+def _second_differences(values: Picture, inside: Mask) -> tuple[Picture, Mask]:
+    """Along the rows, and where all three pixels are inside."""
+    there = inside[:, 2:] & inside[:, 1:-1] & inside[:, :-2]
+    return values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2], there
+
+
 def _on_warm(picture: Picture, noise: SensorNoise, light: float) -> Remark | None:
     """Single pixels far brighter than all of their neighbours."""
     around = np.ones((3, 3), dtype=np.uint8)
     around[1, 1] = 0
     above = picture - cv2.dilate(picture, around)
-    share = float(np.mean(above > WARM * np.sqrt(noise.variance(picture)) + LEAST_WARM * light))
+    bright = above > LEAST_WARM * light
+    far = above[bright] > WARM * np.sqrt(noise.variance(picture[bright])) + LEAST_WARM * light
+    share = np.count_nonzero(far) / picture.size
     if share < OFTEN:
         return None
     return Remark(
@@ -197,18 +205,14 @@ def _on_warm(picture: Picture, noise: SensorNoise, light: float) -> Remark | Non
     )
 
 
-def _on_gamma(picture: Picture, flat: Mask, noise: SensorNoise, light: float) -> Remark | None:
+def _on_gamma(left: Picture, flat: Mask, noise: SensorNoise) -> Remark | None:
     """Whether bright pixels are quieter than dark ones, which no sensor's are."""
-    step = np.abs(np.diff(picture, n=2, axis=1))
-    square = np.ones((5, 5), dtype=np.uint8)
-    spread = (cv2.dilate(picture, square) - cv2.erode(picture, square))[:, 1:-1]
-    above = picture[:, 1:-1] - noise.offset_dn
-    dark = (np.abs(above) < 0.1 * light) & (spread < 0.1 * light)
-    bright = flat[:, 1:-1] & (spread < 0.2 * light)
-    if min(np.count_nonzero(dark), np.count_nonzero(bright)) < FEWEST_DARK:
+    every = 1 + left.size // ENOUGH
+    step, there = _second_differences(left[::every], flat[::every])
+    if np.count_nonzero(there) < FEWEST_FLAT or noise.read_noise_dn < 1:
         return None
-    noises = [float(np.median(step[some])) for some in (dark, bright)]
-    if noises[0] <= 1 or noises[1] > QUIETER * noises[0]:
+    quiet = 1.48 * float(np.median(np.abs(step[there]))) / math.sqrt(6)
+    if quiet > QUIETER * math.sqrt(noise.dark_variance):
         return None
     return Remark(
         "gamma",

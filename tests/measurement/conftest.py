@@ -1,6 +1,7 @@
 """Pictures made here by brute force, sharing no code with the package."""
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numba
@@ -18,127 +19,98 @@ from flflab.optics.camera import Camera, Layout, MainLens, MicrolensArray, Senso
 Array = npt.NDArray[np.float64]
 
 
-class Brute:
-    """Makers of pictures, handed to tests."""
-
-    @staticmethod
-    def vectors_of(layout: str, pitch: float, angle: float) -> Array:
-        """Lattice vectors as columns."""
-        turn = angle + (math.pi / 2 if layout == "square" else math.pi / 3)
-        return pitch * np.array(
-            [[math.cos(angle), math.cos(turn)], [math.sin(angle), math.sin(turn)]]
-        )
-
-    @staticmethod
-    def white_picture(
-        shape: tuple[int, int],
-        layout: Layout,
-        pitch: float,
-        angle: float,
-        origin: tuple[float, float],
-        a: float,
-        b: float,
-    ) -> Array:
-        """White picture, 1 at the middle of a micro-image; a, b: radii of the two discs, px."""
-        along: Any = "square" if layout == "square" else "hexagonal along x"
-        aside = origin[0] - (shape[1] - 1) / 2, origin[1] - (shape[0] - 1) / 2
-        spec = WhiteSpec(
-            shape, along, pitch, math.degrees(angle), aside, profile=OverlappingDiscs(a, b)
-        )
-        light, _ = draw_light(spec, np.random.default_rng(0))
-        return light * min(a / b, 1.0) ** 2
-
-    @staticmethod
-    def micro_image(shape: tuple[int, int], centre: Array, a: float, b: float) -> Array:
-        """One micro-image of a white picture."""
-        picture, lens = np.zeros(shape), np.zeros(1, LENS)
-        for name, value in zip("xy", centre, strict=True):
-            lens[name] = value
-        for name in ("light", "xx", "yy", "longest"):
-            lens[name] = 1.0
-        lens["across"] = lens["down"] = a + b + 1
-        add_micro_images(picture, lens, tabulate(OverlappingDiscs(a, b)))
-        return picture * min(a / b, 1.0) ** 2
-
-    @staticmethod
-    def camera(
-        f_number: float, resolution: tuple[int, int], minimum_illumination: float = 0.5
-    ) -> Camera:
-        """The worked example on a smaller sensor."""
-        return camera(f_number, resolution, Useful(minimum_illumination))
-
-    @staticmethod
-    def bars_picture(
-        one: Camera,
-        distance: float,
-        cycles_per_mm: tuple[float, float],
-        width: float,
-        sine: bool = False,
-        shift: float = 0.0,
-    ) -> tuple[Array, Array]:
-        """White picture and picture of bars."""
-        return bars_picture(one, distance, cycles_per_mm, width, sine, shift)
-
-    @staticmethod
-    def dots_picture(one: Camera, distance: float, dots: Array, diameter: float) -> Array:
-        """Picture of dots."""
-        return dots_picture(one, distance, dots, diameter)
-
-    @staticmethod
-    def edges_picture(size: int, angle: float) -> Array:
-        """A sharp slanted edge from 0.1 to 0.9 in nine bright fields of the worked example, exact:
-        the part of each pixel beyond a line.
-        """
-        y, x = np.mgrid[:size, :size].astype(np.float64)
-        a, b, picture = math.cos(angle), math.sin(angle), np.zeros((size, size))
-        middle, pitch = (size - 1) / 2, 0.4 * (1 + 1.15 / 60) / 0.00166
-        for centre in [
-            (middle + i * pitch, middle + j * pitch) for i in (-1, 0, 1) for j in (-1, 0, 1)
-        ]:
-            t = (x - centre[0] - 2.3) * a + (y - centre[1]) * b
-            ramps = [
-                np.maximum(t + at, 0.0) ** 2
-                for at in ((a + b) / 2, (a - b) / 2, (b - a) / 2, -(a + b) / 2)
-            ]
-            inside = np.hypot(x - centre[0], y - centre[1]) < 60
-            picture += inside * (
-                0.1 + 0.8 * (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (2 * a * b)
-            )
-        return picture
-
-    @staticmethod
-    def landings(one: Camera, distance: float, dot: Array) -> tuple[Array, Array]:
-        """Microlens centres (mm) and where the ray of a dot through each lands on the sensor
-        (px).
-        """
-        grid = 0.4 * np.arange(-12.0, 13.0)
-        lenses = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2).astype(np.float64)
-        # straight through the microlens's centre, bent by the main lens only: solve o = m - D
-        # (slope + m/F), q = m + L slope
-        away, main = one.array.distance, one.main_lens.focal_length
-        m = (dot + distance / away * lenses) / (1 + distance / away - distance / main)
-        landed = lenses + one.gap * (lenses - m) / away
-        middle = (np.asarray(one.sensor.resolution) - 1) / 2
-        return lenses, landed / one.sensor.pixel + middle
-
-    @staticmethod
-    def expose(
-        image: Array, noise: SensorNoise, level: float, rng: np.random.Generator
-    ) -> npt.NDArray[np.uint16]:
-        """A noisy picture in DN of an image in units of the white level, which reads ``level`` DN
-        above the offset.
-        """
-        electrons = rng.poisson(image * level / noise.dn_per_electron)
-        dn = (
-            electrons * noise.dn_per_electron
-            + noise.offset_dn
-            + rng.normal(0, noise.read_noise_dn, image.shape)
-        )
-        return np.clip(np.rint(dn), 0, noise.full_scale_dn).astype(np.uint16)
+def vectors_of(layout: str, pitch: float, angle: float) -> Array:
+    """Lattice vectors as columns."""
+    turn = angle + (math.pi / 2 if layout == "square" else math.pi / 3)
+    return pitch * np.array([[math.cos(angle), math.cos(turn)], [math.sin(angle), math.sin(turn)]])
 
 
-def camera(f_number: float, resolution: tuple[int, int], useful: Useful) -> Camera:
-    """The worked example of physics.md on a smaller sensor."""
+def white_picture(
+    shape: tuple[int, int],
+    layout: Layout,
+    pitch: float,
+    angle: float,
+    origin: tuple[float, float],
+    a: float,
+    b: float,
+) -> Array:
+    """White picture, 1 at the middle of a micro-image; a, b: radii of the two discs, px."""
+    along: Any = "square" if layout == "square" else "hexagonal along x"
+    aside = origin[0] - (shape[1] - 1) / 2, origin[1] - (shape[0] - 1) / 2
+    spec = WhiteSpec(
+        shape, along, pitch, math.degrees(angle), aside, profile=OverlappingDiscs(a, b)
+    )
+    light, _ = draw_light(spec, np.random.default_rng(0))
+    return light * min(a / b, 1.0) ** 2
+
+
+def micro_image(shape: tuple[int, int], centre: Array, a: float, b: float) -> Array:
+    """One micro-image of a white picture."""
+    picture, lens = np.zeros(shape), np.zeros(1, LENS)
+    for name, value in zip("xy", centre, strict=True):
+        lens[name] = value
+    for name in ("light", "xx", "yy", "longest"):
+        lens[name] = 1.0
+    lens["across"] = lens["down"] = a + b + 1
+    add_micro_images(picture, lens, tabulate(OverlappingDiscs(a, b)))
+    return picture * min(a / b, 1.0) ** 2
+
+
+def edges_picture(size: int, angle: float) -> Array:
+    """A sharp slanted edge from 0.1 to 0.9 in nine bright fields of the worked example, exact:
+    the part of each pixel beyond a line.
+    """
+    y, x = np.mgrid[:size, :size].astype(np.float64)
+    a, b, picture = math.cos(angle), math.sin(angle), np.zeros((size, size))
+    middle, pitch = (size - 1) / 2, 0.4 * (1 + 1.15 / 60) / 0.00166
+    for centre in [
+        (middle + i * pitch, middle + j * pitch) for i in (-1, 0, 1) for j in (-1, 0, 1)
+    ]:
+        t = (x - centre[0] - 2.3) * a + (y - centre[1]) * b
+        ramps = [
+            np.maximum(t + at, 0.0) ** 2
+            for at in ((a + b) / 2, (a - b) / 2, (b - a) / 2, -(a + b) / 2)
+        ]
+        inside = np.hypot(x - centre[0], y - centre[1]) < 60
+        picture += inside * (0.1 + 0.8 * (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (2 * a * b))
+    return picture
+
+
+def landings(one: Camera, distance: float, dot: Array) -> tuple[Array, Array]:
+    """Microlens centres (mm) and where the ray of a dot through each lands on the sensor
+    (px).
+    """
+    grid = 0.4 * np.arange(-12.0, 13.0)
+    lenses = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2).astype(np.float64)
+    # straight through the microlens's centre, bent by the main lens only: solve o = m - D
+    # (slope + m/F), q = m + L slope
+    away, main = one.array.distance, one.main_lens.focal_length
+    m = (dot + distance / away * lenses) / (1 + distance / away - distance / main)
+    landed = lenses + one.gap * (lenses - m) / away
+    middle = (np.asarray(one.sensor.resolution) - 1) / 2
+    return lenses, landed / one.sensor.pixel + middle
+
+
+def expose(
+    image: Array, noise: SensorNoise, level: float, rng: np.random.Generator
+) -> npt.NDArray[np.uint16]:
+    """A noisy picture in DN of an image in units of the white level, which reads ``level`` DN
+    above the offset.
+    """
+    electrons = rng.poisson(image * level / noise.dn_per_electron)
+    dn = (
+        electrons * noise.dn_per_electron
+        + noise.offset_dn
+        + rng.normal(0, noise.read_noise_dn, image.shape)
+    )
+    return np.clip(np.rint(dn), 0, noise.full_scale_dn).astype(np.uint16)
+
+
+def camera(
+    f_number: float, resolution: tuple[int, int], minimum_illumination: float = 0.5
+) -> Camera:
+    """The worked example on a smaller sensor."""
+    useful = Useful(minimum_illumination)
     array = MicrolensArray("square", (25, 25), (0.4, 0.4), 0.336, (0.917,), 60.0)
     return Camera(
         MainLens(50.0, f_number), array, Sensor(resolution, 0.00166, 61.15), "round", useful
@@ -177,8 +149,8 @@ def bars_picture(
     distance: float,
     cycles_per_mm: tuple[float, float],
     width: float,
-    sine: bool,
-    shift: float,
+    sine: bool = False,
+    shift: float = 0.0,
 ) -> tuple[Array, Array]:
     """White picture, and bars seen by strips of the microlens in every bright field (half light
     elsewhere).
@@ -191,7 +163,7 @@ def bars_picture(
         one.array.aperture * abs(scale - gap / one.array.focal_lengths[0]) / 2,
     )
     middle = ((columns - 1) / 2, (rows - 1) / 2)
-    white = Brute.white_picture(
+    white = white_picture(
         (rows, columns), "square", 0.4 * scale / pixel, 0.0, middle, lens / pixel, cone / pixel
     )
     image = white / 2
@@ -315,6 +287,17 @@ def dots_picture(one: Camera, distance: float, dots: Array, diameter: float) -> 
 
 
 @pytest.fixture(scope="session")
-def brute() -> type[Brute]:
+def brute() -> SimpleNamespace:
     """The makers of pictures."""
-    return Brute
+    makers = (
+        vectors_of,
+        white_picture,
+        micro_image,
+        edges_picture,
+        landings,
+        expose,
+        camera,
+        bars_picture,
+        dots_picture,
+    )
+    return SimpleNamespace(**{maker.__name__: maker for maker in makers})

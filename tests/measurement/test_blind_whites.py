@@ -1,6 +1,7 @@
 """White pictures measured without a camera file: drawn ones of known truth, and real ones."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from white_pictures.named import NAMED
 from white_pictures.not_whites import NOT_WHITES
 from white_pictures.profiles import OverlappingDiscs
 from white_pictures.random_specs import random_spec
-from white_pictures.spec import WhiteSpec
+from white_pictures.spec import Readout, WhiteSpec
 
 from flflab.cli.app import app
 from flflab.errors import MeasurementError
@@ -139,7 +140,7 @@ def test_an_even_picture_of_an_exact_array_is_not_remarked_on() -> None:
 
 
 @pytest.mark.ci
-def test_saturated_warm_and_striped_sensors_are_remarked() -> None:
+def test_saturated_warm_striped_and_developed_pictures_are_remarked() -> None:
     rng = np.random.default_rng(3)
     spec = WhiteSpec(shape=(500, 600), pitch=40.0)
     picture, _ = draw_white(spec, rng)
@@ -152,6 +153,8 @@ def test_saturated_warm_and_striped_sensors_are_remarked() -> None:
     assert "warm-pixels" in codes(warm)
     clipped = np.minimum(picture, np.uint16(0.98 * light))
     assert {"saturated", "saturation-found"} & set(codes(clipped))
+    developed = replace(spec, readout=Readout(white=150.0, black=0.0, bits=8, gamma=2.2))
+    assert "gamma" in codes(draw_white(developed, rng)[0])
 
 
 @pytest.mark.parametrize(

@@ -21,13 +21,12 @@ from flflab.targets import Bars, Edge, FourDot, Picture, White
 
 NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
 RESOLUTION = (760, 520)
+LATTICE = "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777
 
 
 def test_a_white_frame_gives_the_lattice_alone(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
-    white = brute.white_picture(
-        RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777
-    )
+    white = brute.white_picture(RESOLUTION[::-1], *LATTICE)
     said = measure(brute.expose(white, NOISE, 3000, np.random.default_rng(1)), camera, White())
     json.dumps(said, allow_nan=False)
     lattice = said["lattice"]
@@ -41,9 +40,7 @@ def test_a_white_frame_gives_the_lattice_alone(brute: Any) -> None:
 
 
 def test_darkness_cut_at_zero_draws_no_rim_inwards_and_it_is_said(brute: Any) -> None:
-    white = brute.white_picture(
-        RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777
-    )
+    white = brute.white_picture(RESOLUTION[::-1], *LATTICE)
     cut = replace(NOISE, offset_dn=0.0)
     said = measure(
         brute.expose(white, cut, 3000, np.random.default_rng(1)), brute.camera(4.0, RESOLUTION)
@@ -56,9 +53,7 @@ def test_darkness_cut_at_zero_draws_no_rim_inwards_and_it_is_said(brute: Any) ->
 def test_a_radius_or_pitch_that_is_not_the_cameras_is_remarked_on(brute: Any) -> None:
     camera = brute.camera(5.6, RESOLUTION)
     camera = replace(camera, array=replace(camera.array, pitch=(0.41, 0.41)))
-    white = brute.white_picture(
-        RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777
-    )
+    white = brute.white_picture(RESOLUTION[::-1], *LATTICE)
     said = measure(white, camera)
     assert any("outside radius" in remark for remark in said["remarks"])
     assert any(

@@ -21,7 +21,7 @@ from flflab.measurement.edges.views import measure_edges
 from flflab.measurement.lattice.nominal import nominal_lattice
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.measure import measure
-from flflab.measurement.sensor.mosaic import Mosaic
+from flflab.measurement.sensor.mosaic import Mosaic, require_no_filters
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.targets import Bars, FourDot
 
@@ -160,7 +160,7 @@ def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_withi
     truth = np.sinc(edges.cycles_per_px * math.cos(angle)) * np.sinc(
         edges.cycles_per_px * math.sin(angle)
     )
-    assert len(edges.views) == 9
+    assert len(found.lenses) == 9
     assert np.abs(edges.mtf - truth).max() < 4 * edges.uncertainty.max() + 1e-4
 
 
@@ -178,3 +178,10 @@ def test_light_that_a_filter_does_not_pass_is_named() -> None:
     values[::2, 1::2] = values[1::2, ::2] = 3000
     with pytest.raises(MeasurementError, match="r 0, g 1, g 1, b 0"):
         read(RawPicture(values, "rggb", (64, 64, 64, 64), 4095), SensorNoise(0.3, 2.0, 0.0, 4095.0))
+
+
+def test_a_mosaic_that_nothing_names_is_refused_and_grey_is_not(brute: Any) -> None:
+    white = brute.white_picture(RESOLUTION[::-1], "square", 120.0, 0.0, (379.5, 259.5), 40.0, 10.0)
+    require_no_filters(white + np.random.default_rng(4).normal(0, 0.01, white.shape))
+    with pytest.raises(MeasurementError, match=r"name the mosaic \(--mosaic rggb or bggr\)"):
+        require_no_filters(through_filters(white, 12, 4)[0].values.astype(np.float64))

@@ -9,12 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from flflab.measurement.edges.curve import FREQUENCIES as F
+from flflab.measurement.edges.curve import curve_of
 from flflab.measurement.edges.edge import fit_edge
-from flflab.measurement.edges.esfr import esfr
-from flflab.measurement.edges.spread import line_spread
 
 Array = npt.NDArray[np.float64]
-F = np.linspace(0.0, 0.5, 26)
 SIDE, STEP = 90, 0.02
 Y, X = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
 FIELD = np.hypot(X, Y) < SIDE / 2
@@ -65,9 +64,8 @@ def measured(
     """Transfer of five fields together, its uncertainty, and the truth."""
     rng, angle = np.random.default_rng(seed), math.radians(degrees)
     fields = [drawn(spread, angle, slope, dark, rng) for _ in range(5)]
-    edges = [fit_edge(one, FIELD, deviation) for one, deviation in fields]
-    mean, doubt = line_spread(edges).with_form(F)
-    return mean, doubt, spread.transfer(angle)
+    curve = curve_of([fit_edge(one, FIELD, deviation) for one, deviation in fields])
+    return curve.mtf, curve.uncertainty, spread.transfer(angle)
 
 
 def within(mean: Array, doubt: Array, truth: Array) -> npt.NDArray[np.bool_]:
@@ -92,8 +90,8 @@ def test_a_skirt_of_flare_is_seen(degrees: float, dark: float) -> None:
 def test_esfr_is_the_response_of_a_plain_edge() -> None:
     spread, angle = Spread(0.65, 0.0, 1.0), math.radians(5)
     picture, deviation = drawn(spread, angle, 0.0, 0.1, np.random.default_rng(3))
-    found = esfr(fit_edge(picture, FIELD, deviation), F)
-    assert np.abs(found - spread.transfer(angle))[F <= 0.4].max() < 0.03
+    found = curve_of([fit_edge(picture, FIELD, deviation)])
+    assert np.abs(found.esfr - spread.transfer(angle))[F <= 0.4].max() < 0.03
 
 
 @pytest.mark.ci

@@ -25,8 +25,6 @@ FIRST_BLUR = 0.7  # px
 LEAST_BLUR = 0.004  # px: a sharper edge cannot be told from this one
 MOST_BLUR = 50.0
 SIDE = 30.0  # px, so that slopes of a side are about as large as its light
-# px: a wider gap between the pixels' distances from the edge leaves its profile to guesses
-STARVED = 0.15
 LEAST_SIGNAL = 5.0  # standard uncertainties of the edge's height
 
 
@@ -101,15 +99,6 @@ class Edge:
         typical = float(np.median(self.pixels.weights))
         return math.sqrt(max(self.residual**2 - 1, 0.0)) / typical / self.height
 
-    @property
-    def starved(self) -> bool:
-        """Whether the slope is so near a simple fraction that the pixels sample the profile at too
-        few phases.
-        """
-        reach = 1.0 + 2 * self.blur_px
-        near = np.sort(self.distance[np.abs(self.distance) < reach])
-        return float(np.diff(near, prepend=-reach, append=reach).max()) > STARVED
-
 
 def _edge_pixels(picture: Array, used: Mask, deviation: Array) -> tuple[EdgePixels, float]:
     """The pixels in which an edge lies, and the rough angle of its normal from their differences;
@@ -175,13 +164,12 @@ def fit_edge(
         height = light[:, :3] @ at[6:]
         return np.concatenate([slopes * height[:, None], light], axis=1) * weights
 
-    start = np.array([angle, _offset(pixels, angle), FIRST_BLUR**2])
-    levels = np.linalg.lstsq(seen(start)[0] * weights, pixels.values * pixels.weights, rcond=None)
+    offset, low, high = _first_look(pixels, angle)
     least, most = np.full(9, -np.inf), np.full(9, np.inf)
     least[2], most[2] = LEAST_BLUR**2, MOST_BLUR**2
     found = least_squares(
         left,
-        np.concatenate([start, levels[0]]),
+        np.array([angle, offset, FIRST_BLUR**2, low, 0.0, 0.0, high - low, 0.0, 0.0]),
         design,  # pyright: ignore[reportArgumentType]
         bounds=(least, most),
         x_scale="jac",
@@ -205,10 +193,10 @@ def fit_edge(
     )
 
 
-def _offset(pixels: EdgePixels, angle: float) -> float:
-    """Where the pixels' mean brightness says that the edge lies: as many pixels on its bright side
-    as the mean demands.
+def _first_look(pixels: EdgePixels, angle: float) -> tuple[float, float, float]:
+    """Where the pixels' mean brightness says that the edge lies, as many pixels on its bright side
+    as the mean demands, and the light of its dark and bright side.
     """
-    low, high = np.quantile(pixels.values, [0.05, 0.95])
+    low, high = (float(level) for level in np.quantile(pixels.values, [0.05, 0.95]))
     share = float(np.clip((pixels.values.mean() - low) / max(high - low, 1e-300), 0.02, 0.98))
-    return float(np.quantile(pixels.distance(angle, 0.0), 1 - share))
+    return float(np.quantile(pixels.distance(angle, 0.0), 1 - share)), low, high

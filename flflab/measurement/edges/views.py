@@ -25,15 +25,14 @@ LEAST_SIDE = 0.1  # of a bright field's pixels on each side of the edge
 LEAST_HEIGHT = 0.1  # of the bright side's light
 # of a bright field's radius, standard deviation: beside a wider one neither black nor white is seen
 WIDEST_BLUR = 0.5
-WORST_RESIDUAL = 4.0  # of a pixel from its edge, in units of its noise
-WORST_SHARE = 0.05  # of its height, where that is more
+WORST_MISFIT = 0.2  # of the edge's height, by which pixels depart from it beyond noise
 FAINT = (
     f"no bright field shows a contrast of {100 * LEAST_HEIGHT:g} % of the bright side and more than"
     " the noise between dark and bright; check target, light and exposure"
 )
 STRANGE = (
     "what crosses the bright fields is no straight edge between black and white, the pixels depart"
-    f" from one by more than {WORST_RESIDUAL:g} times their noise; check target and focus"
+    f" from one by more than {100 * WORST_MISFIT:g} % of its height; check target and focus"
 )
 BLURRED = (
     f"what crosses the bright fields is blurred by more than {WIDEST_BLUR:g} of their radius,"
@@ -151,6 +150,6 @@ def _field_edge(
         found = fit_edge(patch, mask, np.sqrt(noise.variance(patch)))
     except MeasurementError:
         return ""  # a field that an edge only brushes
-    if found.residual > WORST_RESIDUAL and found.misfit > WORST_SHARE:
+    if found.misfit > WORST_MISFIT:
         return STRANGE
     return BLURRED if found.blur_px > WIDEST_BLUR * radius_px else found

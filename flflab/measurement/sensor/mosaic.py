@@ -23,8 +23,8 @@ LEAST_GAIN = 0.02  # of the strongest: a filter that passes less tells nothing
 LIT = 10.0
 FEWEST_QUADS = 200  # lit squares of four pixels, in which filters are looked for
 LIT_SHARE = 0.1  # of the brightest light, in a square of four pixels
+UNLIKE = 0.15  # by which a filter's light differs from that of the two on the diagonal
 MOST_QUADS = 0.65  # of the lit ones; lattices of any pitch from 5 px stay below 0.6
-ALIKE, UNLIKE = 0.08, 0.15  # how far two greens are apart, and a red or blue from them
 # of four pixels row by row: the greens, the others, and what such a mosaic is called
 DIAGONALS = (([1, 2], [0, 3], "rggb or bggr"), ([0, 3], [1, 2], "grbg or gbrg"))
 
@@ -108,9 +108,8 @@ def brightest_filter(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floatin
 def require_no_filters(values: npt.NDArray[np.floating]) -> None:
     """Refuse a picture of which nothing says that it is a mosaic, and whose pixels do.
 
-    Two filters of four lie on a diagonal and pass the same light, one of the others passes far less
-    or more: on average, and in most squares of four pixels by itself. Of a lattice of micro-images
-    with a pitch of a few whole pixels the first may hold, the second does not.
+    Two filters of four lie on a diagonal and pass the same light. One of the others passes far less
+    or more: in most squares of four pixels it is darker than both, or brighter.
 
     Args:
         values: numbers as read, finite.
@@ -126,25 +125,17 @@ def require_no_filters(values: npt.NDArray[np.floating]) -> None:
     quads = quads[:, lit]
     light = quads.mean(axis=1, dtype=np.float64) - black
     for greens, others, patterns in DIAGONALS:
-        if not _as_filters(light[greens], light[others]):
-            continue
         least, most = quads[greens].min(axis=0), quads[greens].max(axis=0)
-        shares = [np.mean(beyond) for n in others for beyond in (quads[n] < least, quads[n] > most)]
-        if max(shares) > MOST_QUADS:
+        green = float(light[greens].mean())
+        unlike = [n for n in others if abs(light[n] - green) > UNLIKE * green]
+        shares = [np.mean(beyond) for n in unlike for beyond in (quads[n] < least, quads[n] > most)]
+        if max(shares, default=0.0) > MOST_QUADS:
             found = ", ".join(f"{share:.2g}" for share in light / light.max())
             raise MeasurementError(
                 "picture: neighbouring pixels differ as the colour filters of a mosaic make them"
                 f" (of four in a square, row by row: {found} of the brightest); name the mosaic"
                 f" (--mosaic {patterns})"
             )
-
-
-def _as_filters(green: Array, others: Array) -> bool:
-    """Whether two pixels pass the same light and one of two others far less or more."""
-    mean = float(green.mean())
-    apart = float(np.abs(green - mean).max())
-    unlike = float(np.abs(others - mean).max())
-    return 2 * apart < ALIKE * mean and unlike > UNLIKE * mean and unlike > 3 * apart
 
 
 def _quads(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:

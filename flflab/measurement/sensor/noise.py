@@ -2,28 +2,26 @@
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
 
 from flflab.errors import InputError, MeasurementError
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-ENOUGH = 1_000_000  # squares that are looked at, or up to four times as many
-FEWEST = 100  # pixels of one brightness, for a variance
-# squares in the light, for the noise of flat ones: it is known to 9 per cent then, and half of it
-# would be too little
-FEWEST_FLAT = 400
-# variances, of the two differences of sides together: one in seven squares of nothing but noise is
-# steeper
-STEEPEST = 4.0
-ROUNDS, SETTLED = 6, 0.01  # of finding which squares are flat, until the gain moves by less
+ENOUGH = 500_000  # squares that are looked at, or up to four times as many
+FEWEST = 30  # squares, for a variance
+DIM = 0.01  # of the range of brightness: gaps are as dark, and noise besides
+FLATTEST = 0.1  # of the squares of one brightness
+# of the squares, without warm pixels and dust; and the share of the variance that they hold
+USUAL, OF_USUAL = 0.99, 0.9155
 STEPS = 12  # of brightness
-FULL_SCALES = tuple(2.0**bits - 1 for bits in (8, 10, 12, 14, 16))
+# of the gains, by light: what is sharp has squares of every brightness on its edges, and none that
+# are flat
+LOWER = 0.25
 
 
 @dataclass(frozen=True)
@@ -50,15 +48,7 @@ class SensorNoise:
             InputError: a number is not finite, gain not above 0, noise below 0, or full scale not
                 above the offset.
         """
-        if not all(
-            math.isfinite(value)
-            for value in (
-                self.dn_per_electron,
-                self.read_noise_dn,
-                self.offset_dn,
-                self.full_scale_dn,
-            )
-        ):
+        if not all(math.isfinite(value) for value in astuple(self)):
             raise InputError(f"sensor noise: every number must be finite, not {self}")
         if self.dn_per_electron <= 0 or self.read_noise_dn < 0:
             raise InputError(
@@ -104,118 +94,84 @@ class SensorNoise:
         return np.greater_equal(np.asarray(dn, dtype=np.float64), self.full_scale_dn)
 
 
-def _level_and_variance(mean: Array, rough: Array) -> tuple[float, float]:
-    """Median brightness and variance of like pixels, from the value below which a quarter of their
-    absolute differences lie.
-
-    Where numbers are whole many are equal to it, of which half are counted. In darkness that is cut
-    at 0, and where steps are coarse, a quarter of them are 0 but for rounding; then three quarters
-    count.
-    """
-    quarter, most = np.quantile(rough, [0.25, 0.75])
-    value = quarter if quarter > 1e-9 * most else most
-    share = (np.mean(rough < value) + np.mean(rough <= value)) / 2
-    return float(np.median(mean)), float(value / ndtri((1 + min(share, 0.99)) / 2)) ** 2
-
-
-def _in_steps(mean: Array, rough: Array, edges: Array) -> Array:
-    """Level, variance and number of the pixels from each edge of brightness to the next; of 100
-    pixels at least; shape (n, 3).
-    """
-    step = np.searchsorted(edges, mean)
-    parts = [step == n for n in range(1, len(edges))]
-    found = [
-        (*_level_and_variance(mean[part], rough[part]), np.count_nonzero(part))
-        for part in parts
-        if np.count_nonzero(part) >= FEWEST
-    ]
-    return np.array(found).reshape(-1, 3)
-
-
-def _line(
-    level: Array, rough: Array, steep: Array, gaps: Flags, high: float
-) -> tuple[float, float]:
-    """Variance in the dark, and by how much it grows with the light, from the squares that are
-    flat; see ``estimate_noise``.
-
-    Args:
-        level: of each square above the offset, DN.
-        rough: difference of its diagonals' sums over two.
-        steep: half the sum of squares of the differences along both diagonals.
-        gaps: the darkest squares.
-        high: brightest level.
-    """
-    edges = np.linspace(float(level[gaps].max()), high, STEPS + 1)
-    dim = np.array([[*_level_and_variance(level[gaps], rough[gaps]), np.count_nonzero(gaps)]])
-    dim = dim[dim[:, 2] >= FEWEST]
-    lit, apart, steep = level[~gaps], rough[~gaps], steep[~gaps]
-    found = np.vstack([dim, _in_steps(lit, apart, edges)])
-    if len(found) < 2:
-        return float(found[0, 1] if len(found) else _level_and_variance(level, rough)[1]), 0.0
-    # relative: where structure enlarges a variance it counts for little
-    dark, gain = _fitted(found, 1 / (found[:, 1] + np.median(found[:, 1]) / 100 + 1e-12))
-    for _ in range(ROUNDS):
-        flat = steep <= STEEPEST * (dark + gain * lit)
-        bright = _in_steps(lit[flat], apart[flat], edges)
-        found = np.vstack([dim, bright])
-        if len(found) < 2 or bright[:, 2].sum() < FEWEST_FLAT or gain <= 0:
-            break
-        # by the noise expected: by the noise found, what is found too small would count most
-        before = gain
-        dark, gain = _fitted(
-            found, np.sqrt(found[:, 2]) / (dark + gain * np.maximum(found[:, 0], 0.0) + 1e-12)
-        )
-        if abs(gain - before) < SETTLED * before:
-            break
-    return dark, gain
-
-
-def _fitted(found: Array, weight: Array) -> tuple[float, float]:
-    """The line variance = dark + gain level, its dark from 0 up, by weighted least squares."""
-    design = np.stack([np.ones(len(found)), found[:, 0]], axis=1) * weight[:, None]
-    dark, gain = np.linalg.lstsq(design, found[:, 1] * weight, rcond=None)[0]
-    return max(float(dark), 0.0), float(gain)
-
-
-def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
+def estimate_noise(
+    picture: npt.NDArray[np.generic], full_scale_dn: float | None = None
+) -> SensorNoise:
     """Noise of a picture of which nothing else is known, from the differences of neighbouring
     pixels at each brightness.
 
-    Of four pixels a square the difference of the diagonals' sums tells the noise. Those of its
-    sides' sums are independent of it where there is nothing but noise: squares in which they are
-    larger than noise makes them lie on an edge, and are left out. What is left of the picture's own
+    Of four pixels a square the difference of the diagonals' sums tells the noise. Those along the
+    diagonals are independent of it where there is nothing but noise, so the squares in which these
+    are smallest are as noisy as all, and lie on no edge. What is left of the picture's own
     structure can only enlarge the result. The offset is the level of the dark gaps where there are
     some, else 0.
 
+    Args:
+        picture: DN, [row, col].
+        full_scale_dn: what saturated pixels read, which count nothing; None: there are none.
+
     Raises:
-        MeasurementError: fewer than 3 x 3 pixels, or not finite.
+        MeasurementError: fewer than 3 x 3 pixels.
     """
-    values = np.asarray(picture, dtype=np.float64)
-    if values.ndim != 2 or min(values.shape) < 3 or not np.isfinite(values).all():
-        raise MeasurementError(
-            f"picture: at least 3 x 3 finite pixels are due, not shape {values.shape}"
-        )
+    values = np.asarray(picture)
+    top = float(values.max(initial=0.0))
+    full = max(2 * top, 1.0) if full_scale_dn is None else full_scale_dn
+    if values.ndim != 2 or min(values.shape) < 3:
+        raise MeasurementError(f"picture: at least 3 x 3 pixels are due, not shape {values.shape}")
     every = max(1, int(math.sqrt(values.size / ENOUGH)))
     corners = itertools.product((values[:-1], values[1:]), (slice(None, -1), slice(1, None)))
-    here, right, below, across = (rows[::every, columns][:, ::every] for rows, columns in corners)
+    squares = np.stack([rows[::every, columns][:, ::every] for rows, columns in corners])
+    seen = squares.max(axis=0) < full
+    here, right, below, across = squares[:, seen if seen.any() else ~seen].astype(np.float64)
     mean = (here + right + below + across) / 4
-    rough = np.abs(across - below - right + here) / 2
-    # half the sum of squares along both diagonals: twice the variance where there is noise alone
-    steep = ((across - here) ** 2 + (below - right) ** 2) / 2
-    low, high = (
-        float(value) for value in np.quantile(mean, [0.001, 0.9999])
-    )  # dots may cover less than a thousandth
-    gaps = mean <= low + 0.01 * (high - low) + 3 * float(
-        np.median(rough[mean <= low + 0.01 * (high - low)])
-    )
+    square = (across - below - right + here) ** 2 / 4
+    steep = (across - here) ** 2 + (below - right) ** 2
+    # dots may cover less than a thousandth
+    low, high = (float(level) for level in np.quantile(mean, [0.001, 0.9999]))
+    dimmest = mean <= low + DIM * (high - low)
+    gaps = mean <= low + 3 * math.sqrt(float(np.median(square[dimmest])))
     offset = float(np.median(mean[gaps])) if low < 0.2 * high else 0.0
-    dark, gain = _line(mean - offset, rough, steep, gaps, high - offset)
-    top = float(values.max())
-    whole = np.asarray(picture).dtype.kind == "u"
-    full_scale = top if whole and top in FULL_SCALES else max(2 * top, offset + 1.0)
+    dark, gain = _line(mean - offset, square, steep, gaps, high - offset)
     return SensorNoise(
-        max(float(gain), 1e-9 * max(top, 1.0)),
-        math.sqrt(max(float(dark) - 1 / 12, 0.0)),
+        max(gain, 1e-9 * max(top, 1.0)),
+        math.sqrt(max(dark - 1 / 12, 0.0)),
         offset,
-        full_scale,
+        max(full, offset + 1.0),
     )
+
+
+def _line(
+    level: Array, square: Array, steep: Array, gaps: Flags, high: float
+) -> tuple[float, float]:
+    """Variance in the dark, from 0 up, and by how much it grows with the light; see
+    ``estimate_noise``.
+
+    Args:
+        level: of each square above the offset, DN.
+        square: of the difference of its diagonals' sums over two.
+        steep: sum of squares of the differences along both diagonals.
+        gaps: the darkest squares.
+        high: brightest level.
+    """
+    dim, dark = float(np.median(level[gaps])), _variance(square[gaps])
+    step = np.where(gaps, 0, np.searchsorted(np.linspace(dim, high, STEPS + 1), level))
+    gains, weights = list[float](), list[float]()
+    for n in range(1, STEPS + 1):
+        part = step == n
+        if np.count_nonzero(part) * FLATTEST >= FEWEST:
+            flat = part & (steep <= np.quantile(steep[part], FLATTEST))
+            above = float(np.median(level[flat])) - dim
+            gains.append((_variance(square[flat]) - dark) / above)
+            weights.append(above * np.count_nonzero(flat))
+    if not gains:
+        return dark, 0.0
+    order = np.argsort(gains)
+    half = np.searchsorted(np.cumsum(np.array(weights)[order]), sum(weights) * LOWER)
+    gain = gains[order[half]]
+    return max(dark - gain * dim, 0.0), gain
+
+
+def _variance(squares: Array) -> float:
+    """Mean of squares of normal deviates, whatever the largest are."""
+    most = math.ceil(len(squares) * USUAL)
+    return float(np.mean(np.partition(squares, most - 1)[:most])) / OF_USUAL
