@@ -9,7 +9,6 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
@@ -56,14 +55,10 @@ def turned_lattice(lattice: Lattice, columns: int) -> Lattice:
     """The lattice in a picture that had so many columns; its micro-images keep their numbers."""
     six, place = np.kron(np.eye(3), TURN), [1.0, -1.0]
     every = EVERY[lattice.layout]
-    cone, kinds = lattice.cone, lattice.kinds
-    if cone is not None:
-        axis = turned_pixels(np.array(cone.tilting.axis_px), columns)
-        there = (float(axis[0]), float(axis[1]))
-        cone = replace(cone, tilting=replace(cone.tilting, axis_px=there))
-    if kinds is not None:
-        kinds = replace(kinds, nearest=KDTree(turned_pixels(kinds.nearest.data, columns)))
-    share, along_x, along_y, growth = lattice.slants
+    axis = lattice.axis
+    if axis is not None:
+        there = turned_pixels(np.array(axis.place_px), columns)
+        axis = replace(axis, place_px=(float(there[0]), float(there[1])))
     return replace(
         lattice,
         angle=math.remainder(lattice.angle - math.pi / 2, every),
@@ -73,11 +68,9 @@ def turned_lattice(lattice: Lattice, columns: int) -> Lattice:
         origin_uncertainty_px=lattice.origin_uncertainty_px[::-1],
         covariance_px=six @ lattice.covariance_px @ six.T,
         light=lattice.light[LIGHT[0]] * LIGHT[1],
-        cone=cone,
-        slants=np.array([share, along_y, -along_x, growth]),
+        axis=axis,
         tilt=lattice.tilt[::-1] * place,
         tilt_uncertainty=lattice.tilt_uncertainty[::-1],
-        kinds=kinds,
         common_px=None if lattice.common_px is None else six @ lattice.common_px @ six.T,
     )
 

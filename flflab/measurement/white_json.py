@@ -111,7 +111,7 @@ def _micro_images(
     softness: Array,
 ) -> list[dict[str, Any]]:
     own = np.sqrt(np.einsum("nkk->nk", white.spread.covariance))
-    centre = np.hypot(own[:, [X, Y]], white.definition_px[:, None])
+    centre = np.hypot(own[:, [X, Y]], white.definition_px)
     return [
         {
             "index": (white.indices[n] - middle).tolist(),
@@ -129,7 +129,7 @@ def _micro_images(
                 "centre_px": centre[n].tolist(),
                 "radius_px": float(own[n, WIDER]),
                 "u_own": {"centre_px": own[n, [X, Y]].tolist()},
-                "u_common": {"definition": {"centre_px": float(white.definition_px[n])}},
+                "u_common": {"definition": {"centre_px": white.definition_px}},
             },
         }
         for n in range(len(white.indices))

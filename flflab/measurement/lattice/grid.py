@@ -25,6 +25,7 @@ CUT = 4.0  # robust deviations beyond which a centre stands off
 PER_TERM = 4  # centres that a term of a bend needs
 BLOCKS = 5  # along either side, whose departures count as independent
 FEWEST_BLOCKS = 9
+ALIKE = 0.5  # of what may move centres apart, that may move all alike
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def grid_through(
     centres: Array,
     doubt: Array,
     places: list[Whole],
-    aside: list[Array],
+    definition: float,
 ) -> Grid:
     """Fit a lattice to centres.
 
@@ -88,7 +89,7 @@ def grid_through(
         doubt: standard uncertainty of each coordinate, shape (n, 2).
         places: indices of all that should lie wholly on the picture, found or not: of these the
             straight lattice is the nearest, shape (m, 2); then those of others that might count.
-        aside: ways in which all centres may lie aside together, each of shape (n, 2).
+        definition: px by which all centres may lie aside alike, or apart from the middle.
     """
     scale = float(np.abs(indices).max()) + 1.0
     index = indices.astype(np.float64)
@@ -116,8 +117,7 @@ def grid_through(
     bend = (terms(index, degree, scale) @ coefficients - terms(index, 1, scale) @ straight)[good]
     covariance, freedom = _sureness(index, rest, doubt, weight, good, scatter, degree, scale)
     apart = [other - straight for other in others]
-    apart += [_least_squares(terms(index, 1, scale), one, weight * good) for one in aside]
-    common = np.zeros((6, 6))
+    common = definition**2 * np.diag([ALIKE**2] * 2 + [scale**-2] * 4)
     for one in apart:
         moved = (one / np.array([1.0, scale, scale])[:, None]).ravel()
         common += np.outer(moved, moved)

@@ -59,8 +59,10 @@ class Expected:
     spread: Array
 
 
-def expected(values: Array, profile: Profile, pitch: float) -> Expected:
-    """Loosely, that they are as the values say and as wide and soft as the profile."""
+def expected(values: Array, profile: Profile, pitch: float, ground: float | None) -> Expected:
+    """Loosely, that they are as the values say and as wide and soft as the profile, and on this
+    ground where it is nowhere seen by itself.
+    """
     mean = values.copy()
     mean[:, WIDER:] = 0.0
     light = np.abs(values[:, LIGHT])
@@ -71,14 +73,9 @@ def expected(values: Array, profile: Profile, pitch: float) -> Expected:
     spread[:, GROUND] = 0.2 * light
     spread[:, WIDER] = 0.15 * profile.radius
     spread[:, [SOFTER, SLOPE_X, SLOPE_Y]] = 0.3
-    return Expected(mean, spread)
-
-
-def with_ground(prior: Expected, ground: float) -> Expected:
-    """The same where the ground is nowhere seen by itself."""
-    mean, spread = prior.mean.copy(), prior.spread.copy()
-    mean[:, GROUND] = ground
-    spread[:, GROUND] /= 100
+    if ground is not None:
+        mean[:, GROUND] = ground
+        spread[:, GROUND] /= 100
     return Expected(mean, spread)
 
 

@@ -8,10 +8,9 @@ from scipy.spatial import KDTree
 
 from flflab.errors import InputError, MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, pitch_and_angle
-from flflab.measurement.lattice.kinds import kinds_of
 from flflab.measurement.lattice.lattice import Lattice
-from flflab.measurement.lattice.profile import cone_of
 from flflab.measurement.lattice.registration import sensor_pixel
+from flflab.measurement.lattice.tilting import axis_of
 from flflab.optics.camera import Camera, microlens_centres, microlens_types
 from flflab.optics.resolution import central_smms
 
@@ -137,8 +136,6 @@ def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
         covariance_px=np.full((6, 6), math.nan),
         sizes_covariance_px=np.full((3, 3), math.nan),
         light=np.array([light_dn, 0, 0, 0, 0, 0.0]),
-        cone=cone_of(camera) if any(camera.array.tilt) else None,
-        slants=np.zeros(4),
+        axis=axis_of(camera) if any(camera.array.tilt) else None,
         tilt=np.array(camera.array.tilt),
-        kinds=kinds_of(camera),
     )
