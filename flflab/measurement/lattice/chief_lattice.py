@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.measurement.lattice.find import pitch_and_angle
-from flflab.measurement.lattice.grid import Grid, by_vectors
+from flflab.measurement.lattice.grid import by_vectors
 from flflab.measurement.lattice.kernel import LIGHT
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.straight import TILT, VECTORS, Images, Straight, straight_lattice
@@ -29,6 +29,7 @@ Flags = npt.NDArray[np.bool_]
 EDGE_PX = 0.015  # of a disc's radius: by its edge's form two frames' mean and each differed as much
 OF_MISFIT = 0.3  # of what the discs do not explain, which may move a rim
 UNSURE = 0.5  # of the fall-off: standard uncertainty
+KNOWN_SLOPE = 0.3  # of what is unsure of a blob's slope, where fall-off tells it
 LEAST_SHARE = 0.05  # of the fall-off: what noise may show of it
 CUT = 4.0  # robust deviations beyond which a micro-image's light does not count
 
@@ -86,12 +87,14 @@ def lattice_of(
     nearest = indices[int(np.argmin(np.hypot(*(centres - middle).T)))]
     on_axis = straight.values[:2] + straight.vectors @ nearest
     origin = axis.centres(on_axis[None], straight.values[TILT])[0]
-    fitted = _covariance(straight, white.grid, nearest)
-    shift = float(np.median(np.abs(light.shift_px[usual])))
-    growing = shift * max(light.share, LEAST_SHARE) * UNSURE
-    common = _common(
-        straight, white.grid, nearest, growing * axis.away(origin), growing * axis.per_px
-    )
+    # what (origin, a, b) at index 0 make of those at another
+    shift = np.kron([[1, *nearest], [0, 1, 0], [0, 0, 1]], np.eye(2)).astype(np.float64)
+    fitted = shift @ straight.covariance[VECTORS, VECTORS] @ shift.T
+    moving = float(np.median(np.abs(light.shift_px[usual])))
+    growing = moving * max(light.share, LEAST_SHARE) * UNSURE
+    along = growing * np.concatenate([axis.away(origin), axis.per_px * straight.values[2:6]])
+    definition = white.grid.common_px * (1.0 if white.sloping else KNOWN_SLOPE**2)
+    common = shift @ definition @ shift.T + np.outer(along, along)
     moves = by_vectors(white.grid.layout, straight.vectors)
     pitch, angle = pitch_and_angle(white.grid.layout, straight.vectors)
     variances = np.diag(moves @ (fitted + common) @ moves.T)
@@ -147,28 +150,6 @@ def _shown(white: WhitePicture, places: Array, shape: tuple[int, ...], outside: 
     off = places - np.clip(places, -0.5, top)
     inner = np.all((places > outside - 0.5) & (places < top - outside), axis=1)
     return (np.hypot(*off.T) < outside) & (white.found | ~inner)
-
-
-def _covariance(straight: Straight, grid: Grid, index: Whole) -> Array:
-    """Of (origin, a, b) at an index, grown to what blocks of neighbours show."""
-    single = straight.covariance[VECTORS, VECTORS]
-    by_blocks = np.diag(grid.covariance_px)
-    grown = np.sqrt(np.maximum(by_blocks / np.maximum(np.diag(single), 1e-300), 1.0))
-    shift = _shift(index)
-    return np.asarray(shift @ (single * np.outer(grown, grown)) @ shift.T, dtype=np.float64)
-
-
-def _shift(index: Whole) -> Array:
-    """What (origin, a, b) at the first index make of those at another."""
-    return np.kron([[1, index[0], index[1]], [0, 1, 0], [0, 0, 1]], np.eye(2)).astype(np.float64)
-
-
-def _common(straight: Straight, grid: Grid, index: Whole, origin: Array, growth: float) -> Array:
-    """The same of what moves all centres together: how a centre is defined, and that fall-off may
-    move the origin by so much and everything by so much a px.
-    """
-    along, shift = np.concatenate([origin, straight.values[2:6] * growth]), _shift(index)
-    return np.asarray(shift @ grid.common_px @ shift.T + np.outer(along, along), dtype=np.float64)
 
 
 def _sizes_covariance(

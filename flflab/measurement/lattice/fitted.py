@@ -30,8 +30,8 @@ Flags = npt.NDArray[np.bool_]
 
 START_MISFIT = 0.03  # share of the light by which pixels may depart from the first profile
 LEAST_MISFIT = 2e-3  # the same of the last one
-HELD_SLOPE = 1e-5
-LEAST_SLOPE = 0.003  # of the light over a radius: by which slopes may depart from their course
+# of the light over a radius: by which slopes may depart from their course, or from none
+LEAST_SLOPE, HELD_SLOPE = 0.003, 1e-5
 CLOSE = 18  # pixels along a radius that are enough where its rim is wide
 FAR = 0.75  # of the pitch: wider micro-images overlap so far that edges are hardly told apart
 SPARSE = 5  # pixels along a radius that are enough to begin with
@@ -102,11 +102,11 @@ def _fitted(picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLa
             pixels = finer(pixels, pixels.misfit, 1)
         grounded = indexed.ground is None
         profile, values = measured_profile(pixels, values, np.flatnonzero(inner), profile, grounded)
-        prior = expected(values, profile, rough.pitch, indexed.ground)
+        mean, apart = expected(values, profile, rough.pitch, indexed.ground)
         if turn > LOOK:
-            prior.mean[:, SLOPE_X:] = 0.0 if slopes is None else slopes
-            prior.spread[:, SLOPE_X:] = HELD_SLOPE if slopes is None else LEAST_SLOPE
-        model = Model(profile, neighbours, prior, size)
+            mean[:, SLOPE_X:] = 0.0 if slopes is None else slopes
+            apart[:, SLOPE_X:] = HELD_SLOPE if slopes is None else LEAST_SLOPE
+        model = Model(profile, neighbours, mean, apart, size)
         values = fit(pixels, values, lit, model, rounds)
         doubt = spread(pixels, values, every, model)
         inner &= ~unlike_most(values, doubt, profile, inner)

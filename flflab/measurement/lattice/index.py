@@ -117,9 +117,9 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
         fresh = np.flatnonzero(_shown(values[:, :2], shape, 0.0) & (away <= reach) & ~looked)
         if len(fresh) == 0:
             continue
-        prior = expected(values, profile, rough.pitch, ground)
-        prior.spread[:, LIGHT] *= 4
-        model = Model(profile, neighbours_within(values[:, :2], 2 * profile.end), prior, BLOB)
+        mean, apart = expected(values, profile, rough.pitch, ground)
+        apart[:, LIGHT] *= 4
+        model = Model(profile, neighbours_within(values[:, :2], 2 * profile.end), mean, apart, BLOB)
         fitted = fit(pixels, values, fresh, model, STEPS if looked.any() else ALIGN)
         doubt = spread(pixels, fitted, fresh, model)
         near = np.hypot(*(fitted - values)[fresh, :2].T) < MOVED * rough.pitch

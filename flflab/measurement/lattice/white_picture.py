@@ -23,7 +23,7 @@ Flags = npt.NDArray[np.bool_]
 
 NEXT = 1.2  # pitches: neighbours
 RIM = 0.05  # of the light: where a micro-image ends
-OF_MISFIT = 0.3  # of what the profile does not explain, which may move a rim
+OF_MISFIT = 0.4  # of what the profile does not explain, which may move a rim
 UNKNOWN_SLOPE = 0.02  # of the light over a radius, where slopes are not told from shifts
 FINEST_PX = 0.003  # pixels do not answer alike over their area
 

@@ -18,12 +18,12 @@ from flflab.measurement.lattice.fitted import LEAST_MISFIT
 from flflab.measurement.lattice.kernel import LIGHT, SOFTER, WIDER, X, Y
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.nominal import (
-    kind_of_each,
     nominal_vectors_px,
     require_described,
     require_described_pitch,
 )
 from flflab.measurement.lattice.plausible import require_white
+from flflab.measurement.lattice.registration import kind_of_each
 from flflab.measurement.lattice.straight import Images
 from flflab.measurement.lattice.two_discs import Shape, discs_beside, discs_in, reading
 from flflab.measurement.lattice.white_picture import WhitePicture, measure_white
