@@ -137,10 +137,9 @@ def _places(white: WhitePicture) -> tuple[Array, Array, Array]:
     """
     own = np.trace(white.spread.covariance[:, :2, :2], axis1=1, axis2=2) / 2
     light, smooth = white.values[:, :2], white.grid.centres(white.indices)
-    apart, known = white.grid.scatter_px**2, white.usual | (white.found & ~white.whole)
-    share = np.where(known, apart / (apart + own), 0.0)
-    off = np.mean((light - smooth) ** 2, axis=1)
-    doubt = np.sqrt(np.where(known, share * own, np.where(white.found, off, apart)))
+    apart = white.grid.scatter_px**2
+    share = np.where(white.found, apart / (apart + own), 0.0)
+    doubt = np.sqrt(np.where(white.found, share * own, apart))
     return share[:, None] * light + (1 - share[:, None]) * smooth, doubt, share
 
 
