@@ -155,8 +155,6 @@ def _remarked(
     """Kinds of microlens and remarks beside what was measured."""
     radius = white.profile.radius + white.values[:, WIDER]
     light = np.log(np.maximum(white.values[:, LIGHT], 1e-9))
-    usual = white.whole.copy()
-    usual[np.flatnonzero(white.whole)[white.grid.off]] = False
-    types = types_of(white.grid.layout, white.indices, usual, [radius, light])
+    types = types_of(white.grid.layout, white.indices, white.usual, [radius, light])
     every = remarks + remarks_on_white(numbers, noise, white)
     return MeasuredWhite(numbers, noise, white, types, tuple(every))

@@ -122,10 +122,10 @@ def micro_images_json(
     own = np.sqrt(np.einsum("nkk->nk", white.spread.covariance))
     common, (radius, softness) = white.definition_px, sizes_of(white)
     uncertainty: dict[str, Any] = {
-        "centre_px": np.hypot(own[:, [X, Y]], common[:, None]),
+        "centre_px": np.hypot(own[:, [X, Y]], common),
         "radius_px": own[:, WIDER],
         "u_own": points_json(centre_px=own[:, [X, Y]]),
-        "u_common": [{"definition": {"centre_px": one}} for one in common],
+        "u_common": {"definition": {"centre_px": common}},
     }
     more: dict[str, Any] = {"inside_radius_px": None, "outside_radius_px": None}
     if camera is not None and behind is not None:

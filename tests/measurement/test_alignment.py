@@ -12,14 +12,15 @@ import pytest
 
 from flflab.alignment import attitude_of, find_crossing, nominal_slopes
 from flflab.errors import MeasurementError
+from flflab.measurement.lattice.disc_light import cone_of, light_across
 from flflab.measurement.lattice.find import pitch_and_angle
 from flflab.measurement.lattice.nominal import nominal_lattice
-from flflab.measurement.lattice.profile import cone_of, profile_table
-from flflab.measurement.lattice.tilted import Images, Tilted, tilted_lattice
-from flflab.measurement.lattice.tilting import tilting_of
+from flflab.measurement.lattice.straight import TILT, Images, Straight, straight_lattice
+from flflab.measurement.lattice.tilting import axis_of, discs_at
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
+from flflab.optics.resolution import central_smms
 
 Array = npt.NDArray[np.float64]
 F, A, L, B, f, D, P, PIXEL = 50.0, 12.5, 60.0, 1.15, 0.917, 0.336, 0.4, 0.0166
@@ -55,16 +56,15 @@ def images(roll: float, yaw: float, pitch: float, border: int = 0) -> Images:
     rise = math.tan(yaw) * x + math.tan(pitch) * y
     (cx, lens, microlens), (cy, _, _) = drawn(x, rise), drawn(y, rise)
     centres = np.stack([cx, cy], axis=1) / PIXEL + [182.5, 137.0]
-    covariance = np.broadcast_to(np.eye(4) * 1e-4**2, (len(i), 4, 4)).copy()
     radii = np.stack([lens, microlens], axis=1) / PIXEL
-    return Images(np.stack([i, j], axis=1).astype(np.int64), centres, radii, covariance)
+    indices, kind = np.stack([i, j], axis=1).astype(np.int64), np.zeros(len(i), dtype=np.int64)
+    covariance = np.broadcast_to(np.eye(4) * 1e-4**2, (len(i), 4, 4)).copy()
+    return Images(indices, centres, radii, covariance, kind)
 
 
-def fitted(seen: Images) -> Tilted:
-    """What explains them, from a straight lattice."""
-    start = np.zeros(10)
-    start[:6] = 182.5, 137.0, P * (1 + B / L) / PIXEL, 0.0, 0.0, P * (1 + B / L) / PIXEL
-    return tilted_lattice(seen, start, tilting_of(CAMERA), None, True)
+def fitted(seen: Images) -> Straight:
+    """What explains them."""
+    return straight_lattice(seen, [central_smms(CAMERA)], axis_of(CAMERA), PIXEL)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def fitted(seen: Images) -> Tilted:
 def test_roll_and_tilt_come_back_from_drawn_rays(degrees: tuple[float, float, float]) -> None:
     roll, yaw, pitch = np.radians(degrees)
     found = fitted(images(roll, yaw, pitch))
-    np.testing.assert_allclose(found.values[8:], np.tan([yaw, pitch]), atol=1e-6)
+    np.testing.assert_allclose(found.values[TILT], np.tan([yaw, pitch]), atol=1e-6)
     assert pitch_and_angle("square", found.vectors)[1] == pytest.approx(roll, abs=1e-6)
 
 
@@ -84,9 +84,9 @@ def test_uncertainties_of_a_noisy_attitude_cover_the_truth() -> None:
         noise = rng.normal(0, 0.01, (len(exact.indices), 4))
         centres, radii = exact.centres_px + noise[:, :2], exact.radii_px + noise[:, 2:]
         covariance = np.broadcast_to(np.eye(4) * 1e-4, (len(noise), 4, 4)).copy()
-        found = fitted(Images(exact.indices, centres, radii, covariance))
-        error = found.values[8:] - np.tan([0.003, -0.002])
-        scores.append(error / np.sqrt(np.diag(found.covariance)[8:]))
+        found = fitted(replace(exact, centres_px=centres, radii_px=radii, covariance_px=covariance))
+        error = found.values[TILT] - np.tan([0.003, -0.002])
+        scores.append(error / np.sqrt(np.diag(found.covariance)[TILT]))
     rms = np.sqrt(np.mean(np.square(scores), axis=0))
     assert np.all((rms > 0.75) & (rms < 1.25)), rms
 
@@ -98,9 +98,9 @@ def test_micro_images_that_scatter_more_than_their_noise_tell_the_tilt_less_sure
         exact, centres_px=exact.centres_px + moved[:, :2], radii_px=exact.radii_px + moved[:, 2:]
     )
     found = fitted(shaken)
-    spread = np.sqrt(np.diag(found.covariance)[8:])
-    assert np.all(np.abs(found.values[8:] - [0.002, 0.0]) < 4 * spread)
-    assert spread[0] > 20 * np.sqrt(fitted(exact).covariance[8, 8])
+    spread = np.sqrt(np.diag(found.covariance)[TILT])
+    assert np.all(np.abs(found.values[TILT] - [0.002, 0.0]) < 4 * spread)
+    assert spread[0] > 20 * np.sqrt(np.diag(fitted(exact).covariance)[TILT][0])
 
 
 def test_micro_images_that_do_not_tell_the_tilt_are_refused() -> None:
@@ -132,7 +132,9 @@ def test_the_lattice_of_a_tilted_array_has_every_centre_and_radius_where_rays_dr
     )
     assert len(place) >= 165
     np.testing.assert_allclose(lattice.centres_px, true.centres_px[place], atol=5e-3)
-    np.testing.assert_allclose(lattice.discs_px, true.radii_px[place], atol=0.03)
+    radii = np.array([[1, 1], [1, -1]]) @ [lattice.outside_radius_px, lattice.inside_radius_px] / 2
+    discs = discs_at(central_smms(CAMERA), PIXEL, radii, lattice.rises)
+    np.testing.assert_allclose(discs, true.radii_px[place], atol=0.03)
     np.testing.assert_allclose(lattice.tilt, np.tan([yaw, pitch]), rtol=0.01, atol=2e-5)
     middle = true.radii_px[len(true.radii_px) // 2]  # on the axis: a tilt changes nothing there
     assert [lattice.outside_radius_px, lattice.inside_radius_px] == pytest.approx(
@@ -207,13 +209,13 @@ def test_the_cone_of_rays_is_in_the_exit_pupil_what_it_is_beside_it() -> None:
     assert before.rim == pytest.approx(
         -behind.rim
     )  # the disc is turned over, and no wider than a point
-    tables = [profile_table(10.0, 1e-3, cone) for cone in (at, before, behind)]
+    tables = [light_across(10.0, 1e-3, cone) for cone in (at, before, behind)]
     inside = int(
-        9 / tables[0].step
+        9 / tables[0][0]
     )  # nearer to the rim of 10 px it matters which half of the disc is there
-    for table in tables:
-        np.testing.assert_allclose(table.values[:inside], tables[0].values[:inside], atol=1e-4)
-        assert np.isfinite(table.values).all()
+    for _, table in tables:
+        np.testing.assert_allclose(table[:inside], tables[0][1][:inside], atol=1e-4)
+        assert np.isfinite(table).all()
 
 
 def test_the_exit_pupil_is_found_from_sizes_alone() -> None:

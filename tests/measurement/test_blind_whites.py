@@ -58,7 +58,7 @@ def deviations(found: MeasuredWhite, errors: Any) -> np.ndarray:
 def stated(found: MeasuredWhite) -> np.ndarray:
     white = found.white
     own = np.sqrt(white.spread.covariance[:, [0, 1], [0, 1]])
-    return np.hypot(own, white.definition_px[:, None])[white.whole]
+    return np.hypot(own, white.definition_px)[white.whole]
 
 
 @pytest.mark.ci

@@ -70,7 +70,7 @@ def test_without_fall_off_none_is_corrected_for() -> None:
     one = camera(4.0, (720, 550))
     lattice = lattice_behind(one, LEVEL * light(one, False) + NOISE.offset_dn, NOISE)
     assert abs(lattice.pitch_px / (PITCH * (1 + GAP / L) / one.sensor.pixel) - 1) < 5e-6
-    assert lattice.slants[0] < 0.05
+    assert lattice.fall_off < 0.05
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.measurement.lattice.profile import VALUE, profile_table
+from flflab.measurement.lattice.disc_light import VALUE, light_across
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def test_the_table_is_off_to_no_side_at_the_rim(a: float, b: float) -> None:
     """The rim is dark and known to 1e-5 of the light: off by as much to one side, outside radii
     were off by twice what is stated.
     """
-    table = profile_table(a, b)
+    step, table = light_across(a, b)
     places, turns = (
         a + b + np.linspace(-0.5, 0.5, 41),
         np.linspace(0, np.pi / 4, 17)[:-1] + np.pi / 128,
@@ -36,7 +36,7 @@ def test_the_table_is_off_to_no_side_at_the_rim(a: float, b: float) -> None:
     seen = overlap(
         np.hypot(r * np.cos(theta) + fine[:, None], r * np.sin(theta) + fine), a, b
     ).mean(axis=(2, 3))
-    entries = np.arange(len(table.values)) * table.step
-    off = np.interp(places, entries, table.values[:, VALUE]) - seen.mean(axis=0)
+    entries = np.arange(len(table)) * step
+    off = np.interp(places, entries, table[:, VALUE]) - seen.mean(axis=0)
     assert abs(off.mean()) < 2e-6
     assert np.abs(off).max() < 6e-5

@@ -57,7 +57,7 @@ def test_the_predicted_contrast_has_the_fall_off_that_the_white_picture_shows(
     camera = first.configuration.camera(bench.optics)
     middle = sensor_pixel(camera.sensor, np.zeros((1, 2)))  # where no tilt moves a lens
     on_axis = replace(first.lattice, centres_px=np.tile(middle, (len(first.lattice.indices), 1)))
-    lattices = [replace(on_axis, slants=np.array([share, 0.0, 0.0, 0.0])) for share in (0.0, 1.0)]
+    lattices = [replace(on_axis, fall_off=share) for share in (0.0, 1.0)]
     even, shaded = (
         predict(replace(blurred, lattice=lattice), study, bench, errors) for lattice in lattices
     )

@@ -84,7 +84,7 @@ def microlenses_of(lattice: Lattice, camera: Camera) -> Microlenses:
         lattice.rises,
         np.asarray(microlens_type_of(lattice, camera), dtype=np.float64),
         shadow * camera.sensor.pixel * float(smms.distance / smms.gap),
-        0.0 if lattice.cone is None else float(np.clip(lattice.slants[0], 0.0, 1.0)),
+        lattice.fall_off,
         camera,
     )
 

@@ -74,10 +74,8 @@ def shared_by_all(found: Found, lattice: Lattice) -> Array:
         alone = by_lattice @ root(lattice.covariance_px - common)
         shared[..., :6], shared[..., 6:12] = by_lattice @ root(common), alone
         shared[..., 6:12] *= followed[:, None, None]
-    if lattice.cone is not None:
-        tilting = lattice.cone.tilting
-        slopes = tilting.per_px * (lattice.centres_px[lens] - tilting.axis_px)
-        by_tilt = slopes * lattice.tilt_uncertainty
+    if lattice.axis is not None:
+        by_tilt = lattice.axis.away(lattice.centres_px[lens]) * lattice.tilt_uncertainty
         shared[..., 12:14] = stand.by_rise[:, :, None] * by_tilt[:, None]
     chief, pupil = stand.shown.chief, stand.shown.pupil
     shared[..., 14] = MODEL_PX * pixel * chief / np.maximum(np.hypot(*chief.T), 1e-12)[:, None]

@@ -137,16 +137,11 @@ def lattice_near(picture: npt.NDArray[np.floating], layout: Layout, vectors: Arr
     """
     step = max(1, int(np.abs(np.linalg.det(vectors)) ** 0.5 / (2 * CELL)))
     pitch = pitch_and_angle(layout, vectors)[0]
-    cell = mean_cell(averaged(picture, step), layout, vectors / step, pitch / step)
-    return RoughLattice(
-        layout,
-        vectors,
-        cell.centre * step + (step - 1) / 2,
-        cell.radius * step,
-        cell.softness * step,
-        cell.light,
-        cell.background,
+    centre, radius, softness, light, ground = mean_cell(
+        averaged(picture, step), layout, vectors / step, pitch / step
     )
+    centre = centre * step + (step - 1) / 2
+    return RoughLattice(layout, vectors, centre, radius * step, softness * step, light, ground)
 
 
 def _factors(shape: tuple[int, ...]) -> list[int]:

@@ -14,15 +14,13 @@ from flflab.measurement.lattice.mean_profile import Profile, measured_profile
 from flflab.measurement.lattice.micro_images import (
     BLOB,
     DISC,
-    Expected,
     Model,
     expected,
     fit,
-    with_ground,
 )
 from flflab.measurement.lattice.neighbours import neighbours_within
 from flflab.measurement.lattice.pixels import Pixels, finer
-from flflab.measurement.lattice.slopes import Slopes, course_of_slopes, unknown_slopes
+from flflab.measurement.lattice.slopes import course_of_slopes
 from flflab.measurement.lattice.spread import Spread, spread
 from flflab.measurement.sensor.noise import SensorNoise
 
@@ -32,6 +30,8 @@ Flags = npt.NDArray[np.bool_]
 
 START_MISFIT = 0.03  # share of the light by which pixels may depart from the first profile
 LEAST_MISFIT = 2e-3  # the same of the last one
+# of the light over a radius: by which slopes may depart from their course, or from none
+LEAST_SLOPE, HELD_SLOPE = 0.003, 1e-5
 CLOSE = 18  # pixels along a radius that are enough where its rim is wide
 FAR = 0.75  # of the pitch: wider micro-images overlap so far that edges are hardly told apart
 SPARSE = 5  # pixels along a radius that are enough to begin with
@@ -49,8 +49,7 @@ class Fitted:
         found: which were seen.
         profile: the light across them.
         spread: how sure the values are.
-        slopes: of their light.
-        joint: whether neighbours were fitted together.
+        sloping: whether slopes of their light were told from shifts.
         misfit: rms of what is left of the light, as a share of it.
     """
 
@@ -59,8 +58,7 @@ class Fitted:
     found: Flags
     profile: Profile
     spread: Spread
-    slopes: Slopes
-    joint: bool
+    sloping: bool
     misfit: float
 
 
@@ -89,11 +87,12 @@ def _fitted(picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLa
     """The same; arguments and errors of ``fitted_near``."""
     pixels = Pixels(picture, noise, START_MISFIT, max(1, int(rough.radius / SPARSE)))
     indexed = index_lattice(pixels, rough)
-    profile, joint, shape = indexed.profile, indexed.joint, picture.shape
+    profile, shape = indexed.profile, picture.shape
     indices, values, found, lit = _begun(indexed, shape, profile.end)
     every = np.arange(len(values))
     neighbours = neighbours_within(values[:, :2], 2 * profile.end)
-    slopes, misfit, doubt = unknown_slopes(len(values)), START_MISFIT, None
+    slopes: Array | None = None
+    doubt, misfit = None, START_MISFIT
     for turn, (size, rounds) in enumerate(TURNS):
         inner = found & inside(values, shape, border_of(values, found, shape, profile, rough.pitch))
         require_enough(inner)
@@ -103,18 +102,21 @@ def _fitted(picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLa
             pixels = finer(pixels, pixels.misfit, 1)
         grounded = indexed.ground is None
         profile, values = measured_profile(pixels, values, np.flatnonzero(inner), profile, grounded)
-        prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
-        model = Model(profile, neighbours, prior, size)
+        mean, apart = expected(values, profile, rough.pitch, indexed.ground)
+        if turn > LOOK:
+            mean[:, SLOPE_X:] = 0.0 if slopes is None else slopes
+            apart[:, SLOPE_X:] = HELD_SLOPE if slopes is None else LEAST_SLOPE
+        model = Model(profile, neighbours, mean, apart, size)
         values = fit(pixels, values, lit, model, rounds)
         doubt = spread(pixels, values, every, model)
         inner &= ~unlike_most(values, doubt, profile, inner)
         if turn == LOOK:
-            slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
-            values[:, SLOPE_X:] = slopes.mean
+            slopes = course_of_slopes(indices, values, doubt, inner, profile.radius)
+            values[:, SLOPE_X:] = 0.0 if slopes is None else slopes
         misfit = float(np.median(doubt.misfit[inner]))
         pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
     assert doubt is not None  # noqa: S101 - there are turns
-    return Fitted(indices, values, found, profile, doubt, slopes, joint, misfit)
+    return Fitted(indices, values, found, profile, doubt, slopes is not None, misfit)
 
 
 def _enlarged(fitted: Fitted, factor: int) -> Fitted:
@@ -136,7 +138,6 @@ def _enlarged(fitted: Fitted, factor: int) -> Fitted:
         spread=replace(
             doubt,
             covariance=doubt.covariance * np.outer(by, by),
-            posterior=doubt.posterior * by[: doubt.posterior.shape[1]] ** 2,
             by_slope=doubt.by_slope * factor,
         ),
     )
@@ -199,12 +200,3 @@ def inside(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
     """Which lie wholly on it."""
     top = np.array([shape[1], shape[0]]) - 0.5
     return np.all((values[:, :2] > reach - 0.5) & (values[:, :2] < top - reach), axis=1)
-
-
-def _expected(
-    values: Array, profile: Profile, pitch: float, ground: float | None, slopes: Slopes
-) -> Expected:
-    prior = expected(values, profile, pitch)
-    prior.mean[:, SLOPE_X:] = slopes.mean
-    prior.spread[:, SLOPE_X:] = slopes.apart
-    return prior if ground is None else with_ground(prior, ground)

@@ -2,8 +2,7 @@
 scatter about it, and how sure all of that is.
 
 The vectors are those of the straight lattice nearest to the centres of all whole micro-images; a
-bend is what a polynomial leaves of it. Uncertainties follow how the centres really depart, over
-blocks of neighbours.
+bend is what a polynomial leaves of it. Uncertainties follow how the centres really depart.
 """
 
 import math
@@ -23,8 +22,7 @@ Flags = npt.NDArray[np.bool_]
 HIGHEST = 5  # degree of a bend
 CUT = 4.0  # robust deviations beyond which a centre stands off
 PER_TERM = 4  # centres that a term of a bend needs
-BLOCKS = 5  # along either side, whose departures count as independent
-FEWEST_BLOCKS = 9
+ALIKE = 0.5  # of what may move centres apart, that may move all alike
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Grid:
         origin_px: of index (0, 0) on the straight lattice, shape (2,).
         vectors_px: a, b of the straight lattice as columns, shape (2, 2).
         covariance_px: of (origin x, y, a x, y, b x, y), by the centres' departures; shape (6, 6).
-        freedom: effective degrees of freedom of that.
+        freedom: degrees of freedom of that.
         common_px: covariance of the same by the bend and by how a centre is defined, shape (6, 6).
         residual_px: robust rms of the centres off the smooth map.
         scatter_px: how far micro-images scatter about it, their own uncertainty taken off.
@@ -77,7 +75,7 @@ def grid_through(
     centres: Array,
     doubt: Array,
     places: list[Whole],
-    aside: list[Array],
+    definition: float,
 ) -> Grid:
     """Fit a lattice to centres.
 
@@ -88,7 +86,7 @@ def grid_through(
         doubt: standard uncertainty of each coordinate, shape (n, 2).
         places: indices of all that should lie wholly on the picture, found or not: of these the
             straight lattice is the nearest, shape (m, 2); then those of others that might count.
-        aside: ways in which all centres may lie aside together, each of shape (n, 2).
+        definition: px by which all centres may lie aside alike, or apart from the middle.
     """
     scale = float(np.abs(indices).max()) + 1.0
     index = indices.astype(np.float64)
@@ -114,10 +112,10 @@ def grid_through(
     rest = centres - terms(index, degree, scale) @ coefficients
     residual = float(np.sqrt(np.sum(rest[good] ** 2) / (2 * max(np.count_nonzero(good), 1))))
     bend = (terms(index, degree, scale) @ coefficients - terms(index, 1, scale) @ straight)[good]
-    covariance, freedom = _sureness(index, rest, doubt, weight, good, scatter, degree, scale)
+    units = np.repeat([1.0, 1 / scale, 1 / scale], 2)
+    covariance = _sureness(terms(index[good], 1, scale), doubt[good], weight[good], scatter)
     apart = [other - straight for other in others]
-    apart += [_least_squares(terms(index, 1, scale), one, weight * good) for one in aside]
-    common = np.zeros((6, 6))
+    common = definition**2 * np.diag([ALIKE**2] * 2 + [scale**-2] * 4)
     for one in apart:
         moved = (one / np.array([1.0, scale, scale])[:, None]).ravel()
         common += np.outer(moved, moved)
@@ -128,8 +126,8 @@ def grid_through(
         scale=scale,
         origin_px=straight[0],
         vectors_px=straight[1:].T / scale,
-        covariance_px=covariance,
-        freedom=freedom,
+        covariance_px=covariance * np.outer(units, units),
+        freedom=float(max(np.count_nonzero(good) - 3, 1)),
         common_px=common,
         residual_px=residual,
         scatter_px=scatter,
@@ -169,48 +167,17 @@ def _smooth(
     return best[1], best[2]
 
 
-def _sureness(
-    index: Array,
-    rest: Array,
-    doubt: Array,
-    weight: Array,
-    good: Flags,
-    scatter: float,
-    degree: int,
-    scale: float,
-) -> tuple[Array, float]:
-    """Covariance of (origin, a, b) of the straight lattice, and its degrees of freedom: as if each
-    centre departed by itself, or as blocks of neighbours do, whichever is larger.
+def _sureness(design: Array, doubt: Array, weight: Array, scatter: float) -> Array:
+    """Covariance of (origin, a, b) of the straight lattice, each centre departing by itself, and
+    scale not taken off, shape (6, 6).
     """
-    design = terms(index, 1, scale)[good]
-    normal = np.linalg.inv((design * weight[good, None]).T @ design)
-    variance = doubt[good] ** 2 + scatter**2
+    normal = np.linalg.inv((design * weight[:, None]).T @ design)
     covariance = np.zeros((6, 6))
-    units = np.array([1.0, 1 / scale, 1 / scale])
-    bins = _blocks(index[good])
-    count = int(bins.max()) + 1
-    freedom = float(max(np.count_nonzero(good) - 3, 1))
     for axis in range(2):
-        single = (design * (weight[good] ** 2 * variance[:, axis])[:, None]).T @ design
-        own = normal @ single @ normal
-        grown = np.ones(3)
-        spare = count - (degree + 1) * (degree + 2) // 2
-        if count >= FEWEST_BLOCKS and spare >= FEWEST_BLOCKS // 2:
-            scores = np.zeros((count, 3))
-            np.add.at(scores, bins, design * (weight[good] * rest[good, axis])[:, None])
-            blocks = normal @ (scores.T @ scores) @ normal * count / spare
-            grown = np.sqrt(np.maximum(np.diag(blocks) / np.diag(own), 1.0))
-            freedom = min(freedom, float(spare))
-        of_axis = own * np.outer(grown, grown) * np.outer(units, units)
-        covariance[np.ix_([axis, 2 + axis, 4 + axis], [axis, 2 + axis, 4 + axis])] = of_axis
-    return covariance, freedom
-
-
-def _blocks(index: Array) -> Whole:
-    """Number of the block that each micro-image belongs to, from 0 up without gaps."""
-    low, high = index.min(axis=0), index.max(axis=0)
-    part = np.floor((index - low) / (high - low + 1e-9) * BLOCKS).astype(np.int64)
-    return np.unique(part[:, 0] * BLOCKS + part[:, 1], return_inverse=True)[1]
+        variance = doubt[:, axis] ** 2 + scatter**2
+        single = (design * (weight**2 * variance)[:, None]).T @ design
+        covariance[axis::2, axis::2] = normal @ single @ normal
+    return covariance
 
 
 def by_vectors(layout: Layout, vectors: Array) -> Array:

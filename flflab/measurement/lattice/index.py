@@ -22,7 +22,6 @@ from flflab.measurement.lattice.micro_images import (
     Model,
     expected,
     fit,
-    with_ground,
 )
 from flflab.measurement.lattice.neighbours import neighbours_within
 from flflab.measurement.lattice.pixels import Pixels
@@ -56,15 +55,14 @@ class Indexed:
         values: as of ``kernel``, shape (n, VALUES).
         found: which were seen; the others are where they are expected.
         profile: with which they were fitted.
-        joint: whether they overlap so far that they have to be fitted together.
-        ground: DN below them, where it is nowhere seen by itself; None where it is.
+        ground: DN below them, where they overlap so far that it is nowhere seen by itself; None
+            where it is.
     """
 
     indices: Whole
     values: Array
     found: Flags
     profile: Profile
-    joint: bool
     ground: float | None
 
 
@@ -119,11 +117,9 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
         fresh = np.flatnonzero(_shown(values[:, :2], shape, 0.0) & (away <= reach) & ~looked)
         if len(fresh) == 0:
             continue
-        prior = expected(values, profile, rough.pitch)
-        prior.spread[:, LIGHT] *= 4
-        if ground is not None:
-            prior = with_ground(prior, ground)
-        model = Model(profile, neighbours_within(values[:, :2], 2 * profile.end), prior, BLOB)
+        mean, apart = expected(values, profile, rough.pitch, ground)
+        apart[:, LIGHT] *= 4
+        model = Model(profile, neighbours_within(values[:, :2], 2 * profile.end), mean, apart, BLOB)
         fitted = fit(pixels, values, fresh, model, STEPS if looked.any() else ALIGN)
         doubt = spread(pixels, fitted, fresh, model)
         near = np.hypot(*(fitted - values)[fresh, :2].T) < MOVED * rough.pitch
@@ -139,7 +135,7 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
             " the array"
         )
     values[~found] = _likely(pixels, rough, indices, values, found)[~found]
-    return Indexed(indices, values, found, profile, joint, ground)
+    return Indexed(indices, values, found, profile, ground)
 
 
 def _likely(

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from flflab.measurement.lattice.kinds import Kinds
-from flflab.measurement.lattice.profile import Cone
+from flflab.measurement.lattice.tilting import Axis
 from flflab.optics.camera import Layout
 
 Array = npt.NDArray[np.float64]
@@ -41,13 +40,10 @@ class Lattice:
         sizes_covariance_px: of (inside radius, outside radius, pitch), shape (3, 3).
         light: polynomial of the light over the picture (1, x, y, x^2, x y, y^2), DN; x and y in
             half the longer side.
-        cone: how rays land, as was taken; None where fall-off and tilt were left out.
-        slants: share of the fall-off within a micro-image, slope (x, y) of the middle ray at the
-            origin and how it grows per px.
+        axis: of the camera; None where a tilt was left out.
+        fall_off: share of natural fall-off within micro-images.
         tilt: slope of the array's plane along (x, y).
         tilt_uncertainty: of both.
-        kinds: of microlenses, as wide as seen, the radii being the central one's; None where there
-            is one, or they were taken for one.
         light_uncertainty_dn: of the light in the middle of the picture.
         common_px: what of ``covariance_px`` moves the lattice and all centres alike, shape (6, 6);
             None: all of it.
@@ -76,12 +72,11 @@ class Lattice:
     covariance_px: Array
     sizes_covariance_px: Array
     light: Array
-    cone: Cone | None = None
-    slants: Array = field(default_factory=lambda: np.zeros(4))
+    axis: Axis | None = None
+    fall_off: float = 0.0
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     tilt_uncertainty: Array = field(default_factory=lambda: np.zeros(2))
     light_uncertainty_dn: float = 0.0
-    kinds: Kinds | None = None
     common_px: Array | None = None
     followed: Array | None = None
     doubts_px: Array | None = None
@@ -89,41 +84,14 @@ class Lattice:
     misfit: float = 0.0
 
     @property
-    def sure_tilt(self) -> Array:
-        """The tilt, or none where noise shows as much once in a hundred pictures: microlenses that
-        do not rise are then the better guess.
-        """
-        doubt = np.maximum(self.tilt_uncertainty, 1e-12)
-        return self.tilt if float(np.sum((self.tilt / doubt) ** 2)) > SURE else np.zeros(2)
-
-    @property
     def rises(self) -> Array:
         """How much further each microlens lies from the main lens than the axis's, as a share of
-        that distance; 0 without a tilt that is sure.
+        that distance, shape (N,); 0 where noise shows as much tilt once in a hundred pictures:
+        microlenses that do not rise are then the better guess.
         """
-        if self.cone is None:
+        doubt = np.maximum(self.tilt_uncertainty, 1e-12)
+        sure = float(np.sum((self.tilt / doubt) ** 2)) > SURE
+        if self.axis is None or not sure:
             return np.zeros(len(self.centres_px))
-        tilting, tilt = self.cone.tilting, self.sure_tilt
-        return tilting.rises(tilting.straightened(self.centres_px, tilt), tilt)
-
-    @property
-    def discs_px(self) -> Array:
-        """Radii of larger and smaller disc of every micro-image, shape (N, 2): sum and difference
-        are outside and inside.
-        """
-        radii = (
-            np.array(
-                [
-                    self.outside_radius_px + self.inside_radius_px,
-                    self.outside_radius_px - self.inside_radius_px,
-                ]
-            )
-            / 2
-        )
-        if self.cone is None:
-            return np.tile(radii, (len(self.centres_px), 1))
-        if self.kinds is None:
-            return self.cone.tilting.discs(radii, self.rises)
-        return self.kinds.discs(
-            radii, self.kinds.of(self.centres_px), self.cone.tilting, self.rises
-        )
+        straight = self.axis.straightened(self.centres_px, self.tilt)
+        return np.asarray(self.axis.away(straight) @ self.tilt, dtype=np.float64)

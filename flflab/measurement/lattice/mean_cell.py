@@ -4,7 +4,6 @@ soft discs are fitted at each symmetric point.
 
 import itertools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -22,35 +21,20 @@ FOLDED = 3.5  # pitches either side of the middle that are folded
 HARDLY = 0.3  # of what varies most, the rim of unlit surrounds perhaps
 
 
-@dataclass(frozen=True)
-class MeanCell:
-    """The soft discs that explain the mean cell of a lattice best; pixels, (x, y).
-
-    Attributes:
-        centre: of one of them, shape (2,).
-        radius: at half light.
-        softness: length over which a rim falls, of a logistic edge.
-        light: DN of a disc above the background.
-        background: DN.
-    """
-
-    centre: Array
-    radius: float
-    softness: float
-    light: float
-    background: float
-
-
 def mean_cell(
     picture: npt.NDArray[np.float32], layout: Layout, vectors: Array, pitch: float
-) -> MeanCell:
-    """The site, radius and softness that explain the mean cell of a lattice best.
+) -> tuple[Array, float, float, float, float]:
+    """The soft discs that explain the mean cell of a lattice best.
 
     Args:
         picture: DN, [row, col].
         layout: of the lattice.
         vectors: a, b as columns, px, shape (2, 2).
         pitch: px.
+
+    Returns:
+        Centre (x, y) of one of them, px; radius at half light; length over which a rim falls, of a
+        logistic edge; light above the background, and this, DN.
 
     Raises:
         MeasurementError: what repeats like that are no bright spots.
@@ -102,13 +86,7 @@ def mean_cell(
         )
     best = min(lit, key=lambda one: float(one.cost)).x
     _, light, ground = drawn(best)
-    return MeanCell(
-        anchor + vectors @ best[:2],
-        float(best[2]) * pitch,
-        float(best[3]) * pitch,
-        light,
-        ground,
-    )
+    return anchor + vectors @ best[:2], best[2] * pitch, best[3] * pitch, light, ground
 
 
 def _anchor(picture: npt.NDArray[np.float32], vectors: Array) -> Array:

@@ -48,6 +48,19 @@ class Profile:
         """Distance from which on it is 0, px."""
         return (len(self.table) - 2) * self.step
 
+    @property
+    def places(self) -> Array:
+        """Distances of the table's entries, px, shape (n,)."""
+        return self.step * np.arange(len(self.table), dtype=np.float64)
+
+    def changed(self, wider: float, softer: float) -> "Profile":
+        """That of a micro-image with these values beside it."""
+        radius, grown = self.radius + wider, math.exp(softer)
+        step = self.step * (radius + (self.end - self.radius) * grown) / self.end
+        at = self.radius + (step * np.arange(len(self.table)) - radius) / grown
+        value, fall = (np.interp(at, self.places, column) for column in self.table.T)
+        return Profile(radius, step, np.stack([value, fall / grown], axis=1), self.pixel)
+
     def reaches(self, share: float) -> float:
         """Distance at which it last is that share, px."""
         return float(np.flatnonzero(self.table[:, 0] >= share)[-1]) * self.step

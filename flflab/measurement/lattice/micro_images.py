@@ -46,21 +46,13 @@ class Sums:
     fit: Array
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What is expected of micro-images before they are looked at: means and standard deviations.
-
-    Attributes:
-        mean: shape (n, VALUES).
-        spread: shape (n, VALUES).
+def expected(
+    values: Array, profile: Profile, pitch: float, ground: float | None
+) -> tuple[Array, Array]:
+    """What is expected of micro-images before they are looked at, means and standard deviations:
+    loosely, that they are as the values say and as wide and soft as the profile, and on this ground
+    where it is nowhere seen by itself.
     """
-
-    mean: Array
-    spread: Array
-
-
-def expected(values: Array, profile: Profile, pitch: float) -> Expected:
-    """Loosely, that they are as the values say and as wide and soft as the profile."""
     mean = values.copy()
     mean[:, WIDER:] = 0.0
     light = np.abs(values[:, LIGHT])
@@ -71,15 +63,10 @@ def expected(values: Array, profile: Profile, pitch: float) -> Expected:
     spread[:, GROUND] = 0.2 * light
     spread[:, WIDER] = 0.15 * profile.radius
     spread[:, [SOFTER, SLOPE_X, SLOPE_Y]] = 0.3
-    return Expected(mean, spread)
-
-
-def with_ground(prior: Expected, ground: float) -> Expected:
-    """The same where the ground is nowhere seen by itself."""
-    mean, spread = prior.mean.copy(), prior.spread.copy()
-    mean[:, GROUND] = ground
-    spread[:, GROUND] /= 100
-    return Expected(mean, spread)
+    if ground is not None:
+        mean[:, GROUND] = ground
+        spread[:, GROUND] /= 100
+    return mean, spread
 
 
 @dataclass(frozen=True)
@@ -89,13 +76,15 @@ class Model:
     Attributes:
         profile: that all share.
         neighbours: of all, -1 where there is none, shape (n, most).
-        prior: what is expected of all.
+        mean: what is expected of all, shape (n, VALUES).
+        spread: standard deviations of that, shape (n, VALUES).
         size: how many of the values are fitted, ``BLOB`` or ``DISC``.
     """
 
     profile: Profile
     neighbours: Whole
-    prior: Expected
+    mean: Array
+    spread: Array
     size: int
 
 
@@ -126,9 +115,9 @@ def sums(pixels: Pixels, values: Array, members: Whole, model: Model, sectors: i
         members,
     )
     normal, cross, right, fit = (np.concatenate(part) for part in zip(*parts, strict=True))
-    precision = 1 / model.prior.spread[members, :size] ** 2
+    precision = 1 / model.spread[members, :size] ** 2
     normal = normal[:, :size, :size] + precision[:, :, None] * np.eye(size)
-    before = precision * (model.prior.mean - values)[members, :size]
+    before = precision * (model.mean - values)[members, :size]
     return Sums(normal, cross[:, :, :size, :size], right[:, :, :size], before, fit)
 
 
@@ -142,7 +131,7 @@ def fit(pixels: Pixels, start: Array, members: Whole, model: Model, rounds: int)
         model: to be fitted with.
         rounds: number of steps.
     """
-    values, size, spread = start.copy(), model.size, model.prior.spread[members]
+    values, size, spread = start.copy(), model.size, model.spread[members]
     longest = 0.5 * spread[:, :size]
     longest[:, SLOPE_X:] = np.maximum(longest[:, SLOPE_X:], LONGEST_SLOPE)
     widest = WIDEST * model.profile.radius

@@ -4,15 +4,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
 from flflab.errors import InputError, MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, pitch_and_angle
-from flflab.measurement.lattice.kinds import kinds_of
 from flflab.measurement.lattice.lattice import Lattice
-from flflab.measurement.lattice.profile import cone_of
 from flflab.measurement.lattice.registration import sensor_pixel
-from flflab.optics.camera import Camera, microlens_centres, microlens_types
+from flflab.measurement.lattice.tilting import axis_of
+from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.resolution import central_smms
 
 Array = npt.NDArray[np.float64]
@@ -46,14 +44,6 @@ def nominal_centres_px(camera: Camera) -> Array:
     """Centres of all micro-images, px, in the order of the microlenses, shape (n, 2)."""
     centres = microlens_centres(camera.array) * float(central_smms(camera).image_scale)
     return sensor_pixel(camera.sensor, centres)
-
-
-def kind_of_each(camera: Camera, centres_px: Array) -> Whole:
-    """Which of the camera's focal lengths the nominally nearest microlens has, shape (n,)."""
-    if len(camera.array.focal_lengths) == 1:
-        return np.zeros(len(centres_px), dtype=np.int64)
-    nearest = KDTree(nominal_centres_px(camera)).query(centres_px)[1]
-    return microlens_types(camera.array)[nearest].astype(np.int64)
 
 
 def require_described_pitch(pitch_px: float, camera: Camera) -> None:
@@ -137,8 +127,6 @@ def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
         covariance_px=np.full((6, 6), math.nan),
         sizes_covariance_px=np.full((3, 3), math.nan),
         light=np.array([light_dn, 0, 0, 0, 0, 0.0]),
-        cone=cone_of(camera) if any(camera.array.tilt) else None,
-        slants=np.zeros(4),
+        axis=axis_of(camera) if any(camera.array.tilt) else None,
         tilt=np.array(camera.array.tilt),
-        kinds=kinds_of(camera),
     )

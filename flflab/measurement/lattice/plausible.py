@@ -8,7 +8,7 @@ from flflab.measurement.lattice.white_picture import WhitePicture
 
 MOST_SATURATED = 0.25  # of the pixels: no plateau is left
 MOST_SCATTER = 0.03  # of the pitch, by which micro-images may stand off
-MOST_OFF = 0.25  # of them, far off
+MOST_OFF = 0.25  # of them, farther off than that
 STRETCHED = 1.1  # times: no array's lattice, where spots explain the light badly too
 UNLIKE = 0.05  # of the light, that they leave
 
@@ -28,8 +28,9 @@ def require_white(white: WhitePicture, saturated: float) -> None:
             f"white picture: {100 * saturated:.0f} % of its pixels are saturated, at most"
             f" {100 * MOST_SATURATED:.0f} % are allowed; expose it shorter"
         )
-    pitch, off = white.rough.pitch, float(np.mean(white.grid.off))
-    scatter = white.grid.scatter_px / pitch
+    pitch, scatter = white.rough.pitch, white.grid.scatter_px / white.rough.pitch
+    aside = white.values[white.whole, :2] - white.grid.centres(white.indices[white.whole])
+    off = float(np.mean(np.hypot(*aside.T) > MOST_SCATTER * pitch))
     if scatter > MOST_SCATTER or off > MOST_OFF:
         raise MeasurementError(
             f"white picture: it is probably none; bright spots repeat every {pitch:.1f} px, but"

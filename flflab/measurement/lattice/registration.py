@@ -116,13 +116,16 @@ def scales_of(smms: Smms, distance: float) -> tuple[float, float]:
     return across, -distance / float(smms.distance + smms.gap)
 
 
+def kind_of_each(camera: Camera, centres_px: Array) -> npt.NDArray[np.int64]:
+    """Which of the camera's focal lengths the nominally nearest microlens has, shape (n,)."""
+    nominal = microlens_centres(camera.array) * float(central_smms(camera).image_scale)
+    _, nearest = KDTree(sensor_pixel(camera.sensor, nominal)).query(centres_px)
+    return microlens_types(camera.array)[nearest].astype(np.int64)
+
+
 def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:
     """Focal length of the microlens behind each micro-image, mm: the nominally nearest one's."""
-    smms = central_smms(camera)
-    nominal = sensor_pixel(camera.sensor, microlens_centres(camera.array) * float(smms.image_scale))
-    focal = np.asarray(camera.array.focal_lengths)[microlens_types(camera.array)]
-    _, nearest = KDTree(nominal).query(lattice.centres_px)
-    return focal[nearest]
+    return np.asarray(camera.array.focal_lengths)[kind_of_each(camera, lattice.centres_px)]
 
 
 def bright_pixels(

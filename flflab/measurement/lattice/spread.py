@@ -28,9 +28,6 @@ class Spread:
         misfit: rms of what neighbouring pixels leave alike, as a share of the light, shape (n,).
         pixels: how many were looked at.
         left_out: how many stood off.
-        posterior: variances where every pixel is as unsure as its weight has it, what was expected
-            counted in, shape (n, VALUES).
-        factor: what noise and misfit make of these, shape (n, VALUES).
         by_slope: how far a centre moves with the slope of its light along x and along y, px,
             shape (n, 2).
     """
@@ -39,8 +36,6 @@ class Spread:
     misfit: Array
     pixels: Array
     left_out: Array
-    posterior: Array
-    factor: Array
     by_slope: Array
 
 
@@ -78,8 +73,6 @@ def spread(
         np.sqrt(alike) / light,
         found.fit[:, 0],
         found.fit[:, 1],
-        np.einsum("naa->na", inverse),
-        noise[:, None] * grown**2,
         _by_slope(inverse),
     )
 

@@ -24,70 +24,59 @@ import numpy.typing as npt
 
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
+from flflab.optics.smms import Smms
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Tilting:
-    """How micro-images depend on a tilt, by a camera's central microlens.
+class Axis:
+    """How micro-images lie to a camera's axis.
 
     Attributes:
-        axis_px: where the main lens's axis meets the picture, (x, y).
-        per_px: rise of a micro-image a px from the axis along a tilt of slope 1: pixel / (L + b).
-        gap: b / L.
-        focal: f / L.
-        microlens_px: radius of a microlens, with the sign of kappa.
-        lens_first: whether the main lens's shadow is the larger disc.
+        place_px: where the main lens's axis meets the picture, (x, y).
+        per_px: rise of a micro-image a px from the axis along a tilt of slope 1, and the slope of
+            its middle ray: pixel / (L + b).
     """
 
-    axis_px: tuple[float, float]
+    place_px: tuple[float, float]
     per_px: float
-    gap: float
-    focal: float
-    microlens_px: float
-    lens_first: bool
 
-    def rises(self, straight_px: Array, tilt: Array) -> Array:
-        """Rise of micro-images that would lie there without a tilt; shape (..., 2) to (...)."""
-        return self.per_px * ((straight_px - self.axis_px) @ tilt)
+    def away(self, places_px: Array) -> Array:
+        """Slopes of the middle rays of micro-images at these places, shape (..., 2)."""
+        return self.per_px * (places_px - np.asarray(self.place_px))
 
     def centres(self, straight_px: Array, tilt: Array) -> Array:
-        """Where they lie, px, shape (..., 2)."""
-        return (
-            self.axis_px
-            + (straight_px - self.axis_px) / (1 + self.rises(straight_px, tilt))[..., None]
-        )
+        """Where those lie that would lie there without a tilt, px, shape (..., 2)."""
+        rises = self.away(straight_px) @ tilt
+        return self.place_px + (straight_px - self.place_px) / (1 + rises)[..., None]
 
     def straightened(self, centres_px: Array, tilt: Array) -> Array:
         """Inverse of ``centres``."""
-        return (
-            self.axis_px
-            + (centres_px - self.axis_px) / (1 - self.rises(centres_px, tilt))[..., None]
-        )
-
-    def discs(self, radii_px: Array, rises: Array) -> Array:
-        """Radii of the two discs at these rises, px, from those at no rise, the larger disc's
-        first; shape (..., 2).
-        """
-        lens, microlens = radii_px if self.lens_first else radii_px[::-1]
-        slope = (self.gap - rises) / (1 + rises)
-        shadow = np.abs(microlens + self.microlens_px * (slope - self.gap + rises / self.focal))
-        found = lens * slope / self.gap, shadow
-        return np.stack(found if self.lens_first else found[::-1], axis=-1)
+        falls = self.away(centres_px) @ tilt
+        return self.place_px + (centres_px - self.place_px) / (1 - falls)[..., None]
 
 
-def tilting_of(camera: Camera) -> Tilting:
-    """That of a camera, its array counted as straight."""
-    smms = central_smms(camera)
-    L, pixel = float(smms.distance), camera.sensor.pixel
+def axis_of(camera: Camera) -> Axis:
+    """That of a camera."""
+    smms, pixel = central_smms(camera), camera.sensor.pixel
     columns, rows = camera.sensor.resolution
     aside = camera.sensor.offset
-    return Tilting(
-        axis_px=((columns - 1) / 2 - aside[0] / pixel, (rows - 1) / 2 - aside[1] / pixel),
-        per_px=pixel / (L + float(smms.gap)),
-        gap=float(smms.gap) / L,
-        focal=float(smms.focal) / L,
-        microlens_px=math.copysign(float(smms.aperture) / 2 / pixel, float(smms.kappa)),
-        lens_first=float(smms.lens_width) >= float(smms.microlens_width),
+    return Axis(
+        ((columns - 1) / 2 - aside[0] / pixel, (rows - 1) / 2 - aside[1] / pixel),
+        pixel / float(smms.distance + smms.gap),
     )
+
+
+def discs_at(smms: Smms, pixel: float, radii_px: Array, rises: Array) -> Array:
+    """Radii of the two discs of a microlens at these rises, px, from those at no rise, the larger
+    disc's first; shape (..., 2).
+    """
+    lens_first = float(smms.lens_width) >= float(smms.microlens_width)
+    lens, microlens = radii_px if lens_first else radii_px[::-1]
+    gap, focal = float(smms.gap / smms.distance), float(smms.focal / smms.distance)
+    signed = math.copysign(float(smms.aperture) / 2 / pixel, float(smms.kappa))
+    slope = (gap - rises) / (1 + rises)
+    shadow = np.abs(microlens + signed * (slope - gap + rises / focal))
+    found = lens * slope / gap, shadow
+    return np.stack(found if lens_first else found[::-1], axis=-1)

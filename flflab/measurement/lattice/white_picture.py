@@ -9,27 +9,13 @@ from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import RoughLattice, find_lattice
-from flflab.measurement.lattice.fitted import (
-    Fitted,
-    border_of,
-    fitted_near,
-    inside,
-    require_enough,
-)
+from flflab.measurement.lattice.fitted import border_of, fitted_near, inside, require_enough
 from flflab.measurement.lattice.grid import Grid, grid_through
 from flflab.measurement.lattice.index import looks_right, unlike_most
 from flflab.measurement.lattice.kernel import X, Y
 from flflab.measurement.lattice.mean_profile import Profile
-from flflab.measurement.lattice.slopes import (
-    BEHIND,
-    BESIDE,
-    Slopes,
-    asides,
-    definition_of_centres,
-)
 from flflab.measurement.lattice.spread import Spread
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.optics.camera import Layout
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -37,6 +23,9 @@ Flags = npt.NDArray[np.bool_]
 
 NEXT = 1.2  # pitches: neighbours
 RIM = 0.05  # of the light: where a micro-image ends
+OF_MISFIT = 0.4  # of what the profile does not explain, which may move a rim
+UNKNOWN_SLOPE = 0.02  # of the light over a radius, where slopes are not told from shifts
+FINEST_PX = 0.003  # pixels do not answer alike over their area
 
 
 @dataclass(frozen=True)
@@ -51,10 +40,10 @@ class WhitePicture:
         whole: which lie wholly on the picture.
         profile: the light across them.
         spread: how sure the values are.
-        slopes: of their light, as they go over the picture.
+        sloping: whether slopes of the light were told from shifts.
         grid: the lattice through the whole ones.
-        definition_px: standard uncertainty of each centre's coordinates by what counts as the
-            centre of light that is not as the profile has it, alike among neighbours, shape (n,).
+        definition_px: standard uncertainty of all centres' coordinates by what counts as the centre
+            of light that is not as the profile has it.
         misfit: rms of what is left of the light, as a share of it.
     """
 
@@ -65,38 +54,35 @@ class WhitePicture:
     whole: Flags
     profile: Profile
     spread: Spread
-    slopes: Slopes
+    sloping: bool
     grid: Grid
-    definition_px: Array
+    definition_px: float
     misfit: float
 
+    @property
+    def usual(self) -> Flags:
+        """Which of the whole ones keep to the lattice."""
+        keeping = self.whole.copy()
+        keeping[np.flatnonzero(self.whole)[self.grid.off]] = False
+        return keeping
 
-def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> WhitePicture:
+
+def measure_white(
+    picture: npt.NDArray[np.float32], noise: SensorNoise, rough: RoughLattice | None = None
+) -> WhitePicture:
     """Measure every micro-image of a white picture, of which nothing but the noise is known.
 
     Args:
         picture: DN, [row, col].
         noise: of the sensor.
+        rough: lattice of the micro-images where it is known; None finds it.
 
     Raises:
         MeasurementError: no lattice of bright micro-images is in it, or fewer than six whole ones.
     """
-    rough = find_lattice(picture)
-    require_contrast(rough, noise)
-    return with_grid(rough, fitted_near(picture, noise, rough), picture.shape)
-
-
-def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> WhitePicture:
-    """The measured white picture: which micro-images are whole, and the lattice through them.
-
-    Args:
-        rough: what was found blind.
-        fitted: the micro-images.
-        shape: of the picture, (rows, columns).
-
-    Raises:
-        MeasurementError: fewer than six of them are whole.
-    """
+    rough = find_lattice(picture) if rough is None else rough
+    _require_contrast(rough, noise)
+    fitted, shape = fitted_near(picture, noise, rough), picture.shape
     indices, values, profile, doubt = fitted.indices, fitted.values, fitted.profile, fitted.spread
     border = border_of(values, fitted.found, shape, profile, rough.pitch)
     there = inside(values, shape, min(border, profile.reaches(RIM) + 0.5))
@@ -104,16 +90,10 @@ def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> Wh
     whole = found & there
     require_enough(whole)
     whole &= ~unlike_most(values, doubt, profile, whole)
-    between = 0.0 if fitted.joint else _light_between(rough, profile)
-    definition = definition_of_centres(doubt, fitted.slopes, profile, between)
-    missing = ~found & inside(values, shape, 0.0)
-    beside = _beside(indices, missing, rough.layout)
-    behind = _beside(indices, beside & ~missing, rough.layout)
-    aside = profile.softness * np.where(beside, BESIDE, BEHIND * behind)
-    # round a whole array all that border on darkness lie aside alike
-    together = math.sqrt(float(np.mean(aside[whole] ** 2)))
-    ways = asides(indices, math.hypot(float(np.median(definition[whole])), together))
-    definition = np.hypot(definition, aside)
+    definition = math.hypot(OF_MISFIT * fitted.misfit * profile.softness, FINEST_PX)
+    if not fitted.sloping:
+        shifted = float(np.median(np.abs(doubt.by_slope[whole])))
+        definition = math.hypot(definition, UNKNOWN_SLOPE * shifted)
     own = np.sqrt(doubt.covariance[:, [X, Y], [X, Y]])
     # a bent lattice is not followed into unlit surrounds
     near, _ = KDTree(values[whole, :2]).query(values[:, :2], 3)
@@ -122,9 +102,9 @@ def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> Wh
         rough.layout,
         indices[whole],
         values[whole, :2],
-        np.hypot(own, aside[:, None])[whole],
+        own[whole],
         [indices[whole | there & amid], indices[inside(values, shape, 0.0) & beyond]],
-        [one[whole] for one in ways],
+        definition,
     )
     return WhitePicture(
         rough,
@@ -134,14 +114,14 @@ def with_grid(rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...]) -> Wh
         whole,
         profile,
         doubt,
-        fitted.slopes,
+        fitted.sloping,
         grid,
         definition,
         fitted.misfit,
     )
 
 
-def require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
+def _require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
     """Refuse what repeats less than the noise of a pixel."""
     spread = math.sqrt(float(noise.variance(rough.light + rough.background)))
     if rough.light < spread:
@@ -150,22 +130,3 @@ def require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
             " deviations of one pixel's noise, and more than 1 is due; is the microlens array in"
             " the camera?"
         )
-
-
-def _beside(indices: Whole, missing: Flags, layout: Layout) -> Flags:
-    """Which have one of some others as their neighbour."""
-    steps = [(1, 0), (0, 1)] + ([(1, -1)] if layout == "hexagonal" else [])
-    gaps = [
-        tuple(one)
-        for step in steps
-        for sign in (1, -1)
-        for one in (indices[missing] + sign * np.array(step)).tolist()
-    ]
-    beside = set(gaps)
-    return np.array([tuple(one) in beside for one in indices.tolist()], dtype=np.bool_)
-
-
-def _light_between(rough: RoughLattice, profile: Profile) -> float:
-    """Share of a micro-image's light in the middle between it and its neighbours."""
-    middle = rough.pitch / math.sqrt(2 if rough.layout == "square" else 3)
-    return float(profile.table[min(int(middle / profile.step), len(profile.table) - 1), 0])

@@ -115,9 +115,8 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
     as_read = 1 / placement.optics.pixel  # lengths on the sensor are read in described pixels
     image_scale = image_scales(systems, 1 / placement.distance, camera, distance) * as_read
     cycles_per_mm = measured.curve.cycles_per_mm if measured.curve else np.zeros(0)
-    falloff = float(
-        measured.lattice.slants[0]
-    )  # as the white picture shows it: real cameras have it, pictures may be without
+    # as the white picture shows it: real cameras have it, pictures may be without
+    falloff = measured.lattice.fall_off
     lenses, draws = errors.lenses, len(placement.distance)
 
     def longer(factor: float) -> Placement:
