@@ -259,7 +259,7 @@ def test_out_of_focus_contrast_is_that_of_blur_which_fall_off_makes_smaller(brut
         1 / distance,
         camera.sensor.pixel,
         curve.cycles_per_mm,
-        falloff=float(lattice.slants[0]),
+        falloff=lattice.fall_off,
     )
     assert np.abs(curve.contrast - predicted).max() < 5e-4
     assert np.abs(curve.contrast - closed_form(camera, distance, curve.cycles_per_mm)).max() > 2e-3

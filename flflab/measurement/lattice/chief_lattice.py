@@ -16,6 +16,7 @@ from flflab.measurement.lattice.find import pitch_and_angle
 from flflab.measurement.lattice.grid import by_vectors
 from flflab.measurement.lattice.kernel import LIGHT
 from flflab.measurement.lattice.lattice import Lattice
+from flflab.measurement.lattice.mean_profile import MIDDLE, PROFILED
 from flflab.measurement.lattice.straight import TILT, VECTORS, Images, Straight, straight_lattice
 from flflab.measurement.lattice.tilting import axis_of
 from flflab.measurement.lattice.white_picture import WhitePicture
@@ -172,7 +173,9 @@ def _sizes_covariance(
 
 
 def _light(white: WhitePicture, shape: tuple[int, ...]) -> tuple[Array, float]:
-    """Terms of the light over the picture, and how sure the first is, by how lenses scatter."""
+    """Terms of the light over the picture, and how sure the first is: by how lenses scatter, and by
+    the noise in the middle of the profile that all share.
+    """
     seen = white.values[white.whole]
     x, y = ((seen[:, :2] - (np.array([shape[1], shape[0]]) - 1) / 2) * 2 / max(shape)).T
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
@@ -187,4 +190,6 @@ def _light(white: WhitePicture, shape: tuple[int, ...]) -> tuple[Array, float]:
         total = float(np.sum(rest[good] ** 2)) / freedom
         variance[:terms, :terms] = np.linalg.pinv(rows.T @ rows) * total
         good = np.abs(rest) < CUT * spread
-    return found, math.sqrt(float(variance[0, 0]))
+    own = float(np.mean(white.spread.covariance[white.whole, LIGHT, LIGHT]))
+    of_profile = own / MIDDLE**2 / min(len(seen), PROFILED)
+    return found, math.sqrt(float(variance[0, 0]) + of_profile)

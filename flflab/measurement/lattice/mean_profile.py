@@ -24,6 +24,7 @@ LIT = 0.3  # of the median light: darker ones would be taken for the profile's o
 AROUND = 0.05, 2.0  # of the radius, and px: how far beyond the light the ground is looked at
 NEXT = 1.2  # of the pitch: the next ones light the ground even where none touch
 BEYOND = 6  # knots beyond it, that tell the level beneath all of it
+MIDDLE = 0.3  # of the radius: light there is that of the micro-image
 STIFF = 1e-4  # how much a bend of the profile counts against a pixel
 
 
@@ -138,7 +139,8 @@ def measured_profile(
     if grounded:
         tail = (at > last - BEYOND * spacing) & (at < last - 3 * spacing)
         value = np.maximum(value - max(float(value[tail].mean()), 0.0), 0.0)
-    top = float(value[r < 0.3 * before.radius].mean())
+    middle = r < MIDDLE * before.radius
+    top = float(np.average(value[middle], weights=r[middle]))
     table = np.stack([value, fall], axis=1) / top
     above = np.flatnonzero(table[:, 0] >= 0.5)
     outer = int(above[-1]) if len(above) else 0
