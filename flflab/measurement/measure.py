@@ -31,7 +31,7 @@ from flflab.measurement.measure_json import (
 from flflab.measurement.presence import require_blur_within, require_light
 from flflab.measurement.sensor.mosaic import Mosaic
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.measurement.white import measure_described
+from flflab.measurement.white import measure_blind, measure_described
 from flflab.optics.camera import Camera
 from flflab.optics.focus import sharp_vergence
 from flflab.optics.resolution import central_smms
@@ -46,7 +46,7 @@ NOMINAL_PX, NOMINAL = 3.0, 1e-3
 
 def measure(
     picture: npt.NDArray[np.generic] | RawPicture | SensorPicture,
-    camera: Camera,
+    camera: Camera | None = None,
     target: Target | None = None,
     distance: float | None = None,
     noise: SensorNoise | None = None,
@@ -61,7 +61,7 @@ def measure(
     Args:
         picture: [row, col]; DN, or any other unit where ``noise`` is None. A raw one is measured
             above its black level, the filters of its mosaic as four sub-lattices.
-        camera: nominal.
+        camera: nominal; None: a white picture of which no camera file is known.
         target: what stood there; None means white.
         distance: main lens to target, mm; None means where the camera is sharp.
         noise: of the sensor; None estimates it from the picture.
@@ -73,18 +73,13 @@ def measure(
         sentences, with their ``remark_codes``.
 
     Raises:
-        InputError: a target this cannot measure, or no distance where one is needed.
+        InputError: a target this cannot measure, at all or without a camera, or no distance where
+            one is needed.
         MeasurementError: the picture does not hold what was to be measured.
     """
-    target = White() if target is None else target
-    if not isinstance(target, White | FourDot | Bars | Edge):
-        kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, BarsAlongY, Chirp, Edge))
-        raise InputError(f"measure: a {target.kind} target cannot be measured; allowed are {kinds}")
-    if white is not None and isinstance(target, White):
-        raise InputError(
-            "measure: a white picture beside a white one; it belongs beside a picture of another"
-            " target"
-        )
+    target = _measurable(White() if target is None else target, camera, white)
+    if camera is None:
+        return measure_blind(picture, noise).json()
     if isinstance(target, White):
         return measure_described(picture, camera, noise).json()
     mosaic, remarks = as_read(picture, camera, target.kind, noise)
@@ -127,6 +122,26 @@ def measure(
     nothing = {"dots": list[Any](), "mtf": list[Any](), "mtf_by_view": list[Any]()}
     seen = {"lattice": shown} | nothing | result
     return result_json(seen, remarks, saturated, misfit, evened.offset_dn)
+
+
+def _measurable(
+    target: Target, camera: Camera | None, white: object
+) -> White | FourDot | Bars | Edge:
+    """The target, if it can be measured so."""
+    if not isinstance(target, White | FourDot | Bars | Edge):
+        kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, BarsAlongY, Chirp, Edge))
+        raise InputError(f"measure: a {target.kind} target cannot be measured; allowed are {kinds}")
+    if white is not None and isinstance(target, White):
+        raise InputError(
+            "measure: a white picture beside a white one; it belongs beside a picture of another"
+            " target"
+        )
+    if camera is None and not isinstance(target, White):
+        raise InputError(
+            f"measure: a {target.kind} target without a camera; give the camera whose picture it"
+            " is: only a white picture is measured without"
+        )
+    return target
 
 
 def _seen(

@@ -39,6 +39,15 @@ def test_a_white_frame_gives_the_lattice_alone(brute: Any) -> None:
     assert not any("radius" in remark or "cut" in remark for remark in said["remarks"])
 
 
+def test_without_a_camera_a_white_frame_gives_the_lattice_and_others_are_refused(
+    brute: Any,
+) -> None:
+    picture = 64 + 3000 * brute.white_picture((200, 220), "square", 24.0, 0.03, (97.3, 96.6), 8, 2)
+    assert abs(measure(picture)["lattice"]["pitch_px"] - 24.0) < 1e-3
+    with pytest.raises(InputError, match="a four-dot target without a camera"):
+        measure(picture, target=FourDot())
+
+
 def test_darkness_cut_at_zero_draws_no_rim_inwards_and_it_is_said(brute: Any) -> None:
     white = brute.white_picture(RESOLUTION[::-1], *LATTICE)
     cut = replace(NOISE, offset_dn=0.0)

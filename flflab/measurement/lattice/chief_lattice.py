@@ -32,6 +32,7 @@ OF_MISFIT = 0.3  # of what the discs do not explain, which may move a rim
 UNSURE = 0.5  # of the fall-off: standard uncertainty
 KNOWN_SLOPE = 0.3  # of what is unsure of a blob's slope, where fall-off tells it
 LEAST_SHARE = 0.05  # of the fall-off: what noise may show of it
+LEAST_TILT = 2e-5  # by which pictures by rays without noise differ from their tilt, rad
 CUT = 4.0  # robust deviations beyond which a micro-image's light does not count
 
 
@@ -126,7 +127,7 @@ def lattice_of(
         axis=axis,
         fall_off=light.share,
         tilt=straight.values[TILT],
-        tilt_uncertainty=np.sqrt(np.diag(straight.covariance)[TILT]),
+        tilt_uncertainty=np.hypot(np.sqrt(np.diag(straight.covariance)[TILT]), LEAST_TILT),
         light_uncertainty_dn=doubt,
         misfit=white.misfit,
     )

@@ -149,9 +149,7 @@ def _step(found: Sums, members: Whole, neighbours: Whole) -> Array:
     inverse, right = inverses(found.normal), found.right.sum(axis=1) + found.before
     if not found.cross.any():
         return np.einsum("nab,nb->na", inverse, right)
-    place = np.full(max(int(neighbours.max()), int(members.max())) + 1, -1)
-    place[members] = np.arange(len(members))
-    beside = np.where(neighbours[members] >= 0, place[neighbours[members]], -1)
+    beside = _beside(members, neighbours)
     blocks = np.concatenate([found.normal[:, None], found.cross], axis=1)
     columns = np.column_stack([np.arange(len(members)), beside])
     kept = columns >= 0
@@ -162,6 +160,26 @@ def _step(found: Sums, members: Whole, neighbours: Whole) -> Array:
     alone = bsr_array((inverse, rows[:-1], rows), shape=(count, count))
     step, _ = gmres(system, right.ravel(), rtol=CLOSE, restart=MOST_STEPS, maxiter=1, M=alone)
     return np.asarray(step, dtype=np.float64).reshape(right.shape)
+
+
+def _beside(members: Whole, neighbours: Whole) -> Whole:
+    """Which of the members lie beside each of them, -1 where none does, shape (n, most)."""
+    place = np.full(max(int(neighbours.max()), int(members.max())) + 1, -1)
+    place[members] = np.arange(len(members))
+    return np.where(neighbours[members] >= 0, place[neighbours[members]], -1)
+
+
+def covariances(found: Sums, members: Whole, neighbours: Whole) -> Array:
+    """Covariances of the values at unit noise: those of each by itself, and to second order what
+    its neighbours' values add where their light overlaps; shape (n, size, size).
+    """
+    alone = inverses(found.normal)
+    if not found.cross.any():
+        return alone
+    beside = _beside(members, neighbours)
+    shared = np.where((beside >= 0)[:, :, None, None], found.cross, 0.0)
+    moved = np.einsum("nmab,nmbc,nmdc->nad", shared, alone[beside], shared)
+    return np.asarray(alone + alone @ moved @ alone, dtype=np.float64)
 
 
 def inverses(normal: Array) -> Array:

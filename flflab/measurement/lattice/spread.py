@@ -8,7 +8,7 @@ import numpy.typing as npt
 from flflab.measurement.lattice.kernel import LIGHT, SLOPE_X, SLOPE_Y, VALUES, X, Y
 from flflab.measurement.lattice.micro_images import (
     Model,
-    inverses,
+    covariances,
     sums,
 )
 from flflab.measurement.lattice.pixels import Pixels
@@ -52,7 +52,7 @@ def spread(
     """
     size = model.size
     found = sums(pixels, values, members, model, SECTORS)
-    inverse = inverses(found.normal)
+    inverse = covariances(found, members, model.neighbours)
     count = np.maximum(found.fit[:, 0], 1.0)
     noise = np.clip(found.fit[:, 3] / count, 1e-9, 1.0)
     pairs = found.right[:, : SECTORS // 2] + found.right[:, SECTORS // 2 :]
