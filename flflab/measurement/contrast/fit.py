@@ -12,6 +12,7 @@ the normal equations of what is common.
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy.typing as npt
 
 from flflab.measurement.contrast.runs import Runs
 from flflab.measurement.contrast.wave import seen_through
+from flflab.measurement.solver import settle
 from flflab.targets import Bars
 
 Array = npt.NDArray[np.float64]
@@ -34,7 +36,6 @@ LIGHT, SHIFT, ACROSS, BLUR, OWN = slice(0, 4), 4, 5, 6, 7
 LOOSE = np.array([1.0, 0.3, 0.3, 0.3, 0.2, 0.002, 30.0])
 HIGHEST = 9  # harmonic of bars that the free curve counts
 MOST_LOOKS = 12
-FIRST, EASED, RAISED = 1e-4, 0.1, 10.0  # damping, of the diagonal of the normal matrices
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,7 @@ def equations(runs: Runs, model: Model, fit: Fit, seen: Seen, weight: Array) -> 
 
 
 def fitted(runs: Runs, model: Model, fit: Fit, close: float) -> tuple[Fit, Equations]:
-    """The fit of all runs: where chi squared is least (Levenberg and Marquardt).
+    """The fit of all runs: where chi squared is least.
 
     Args:
         runs: of pixels.
@@ -220,18 +221,13 @@ def fitted(runs: Runs, model: Model, fit: Fit, close: float) -> tuple[Fit, Equat
     weight = weights(runs, seen)[1]
     # a view that departs from the model has more noise than its pixels
     weight = weight / np.maximum(misfit_of(runs, seen, weight), 1.0)[runs.view]
-    here, damping = equations(runs, model, fit, seen, weight), FIRST
-    for _ in range(MOST_LOOKS):
-        trial = fit.moved(*here.step(damping))
-        there = equations(runs, model, trial, look_at(runs, model, trial), weight)
-        if there.cost < here.cost:
-            gained, fit, here = here.cost - there.cost, trial, there
-            damping *= EASED
-            if gained < close:
-                break
-        else:
-            damping *= RAISED
-    return fit, here
+
+    def look(trial: Fit) -> tuple[float, Callable[[float], Fit]]:
+        here = equations(runs, model, trial, look_at(runs, model, trial), weight)
+        return here.cost, lambda damping: trial.moved(*here.step(damping))
+
+    fit = settle(fit, look, close, MOST_LOOKS)
+    return fit, equations(runs, model, fit, look_at(runs, model, fit), weight)
 
 
 def inverse_of(normal: Array) -> Array:

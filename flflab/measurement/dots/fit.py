@@ -6,6 +6,7 @@ centre and focus are known, and by the model's own error; outliers (dust, a neig
 less weight. Views that scatter more than that make all of it less sure.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from flflab.measurement.dots.model import Microlenses, Shown, shown
+from flflab.measurement.solver import settle
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -20,7 +22,7 @@ Whole = npt.NDArray[np.int64]
 
 # by which slopes are told: direction, vergence, kappa, and place (x, y) and rise of the lens
 STEPS = 1e-3, 1e-3, 1e-5, 1e-3, 1e-4, 1e-4, 1e-5
-MOST_STEPS, SETTLED = 20, 0.01  # of the fit, until none is more than that of an uncertainty
+MOST_LOOKS, CLOSE = 20, 1e-4  # of the fit; fall of chi squared that ends it
 OUTLYING = 2.0  # standard deviations from which on a residual has less weight
 VERGENCE, DIRECTION = 0.3, 0.2  # standard deviations of what is known before: a share, and rad
 
@@ -105,32 +107,28 @@ def stand_of(seen: Seen, known: Array, start: Array, focus: float) -> Stand:
     """
     prior = np.stack([*np.full((2, len(known)), DIRECTION), VERGENCE * known[:, 2]], axis=1)
     sure = np.diag(np.append(prior, seen.kappa[1]) ** -2.0)
-    before, free = np.append(known, seen.kappa[0]), np.append(start, focus)
-    which = np.repeat(seen.counted, 2)
-    steps = 0
-    while True:
-        here, by_spot, by_chief = _slopes(seen, free)
-        by_centre = by_spot[..., 4:6] + np.eye(2)
-        own = (seen.place[:, None] * np.hypot(by_centre[..., 0], by_centre[..., 1])) ** 2
-        spread = np.sqrt(seen.variance + own + (seen.focus * here.pupil) ** 2)
-        rest = np.where(which, ((seen.centroids - here.centroid) / spread).reshape(-1), 0.0)
-        typical = max(1.0, 1.4826 * float(np.median(np.abs(rest[which]))))
-        weights = which * np.minimum(1.0, OUTLYING * typical / np.maximum(np.abs(rest), 1e-9))
-        rows = _of_dots(by_spot, seen.dot, len(free)) / spread.reshape(-1)[:, None]
-        inverse = _inverse((rows.T * weights) @ rows + sure)
-        step = inverse @ (rows.T @ (weights * rest) + sure @ (before - free))
-        steps += 1
-        if steps == MOST_STEPS or np.all(np.abs(step) < SETTLED * np.sqrt(np.diag(inverse))):
-            break
-        free = free + step
+    before = np.append(known, seen.kappa[0])
+
+    def look(trial: Array) -> tuple[float, Callable[[float], Array]]:
+        there = _equations(seen, trial, before, sure)
+        damped = np.diag(np.diag(there.normal))
+        return (
+            there.cost,
+            lambda damping: trial + _inverse(there.normal + damping * damped) @ there.right,
+        )
+
+    free = settle(np.append(start, focus), look, CLOSE, MOST_LOOKS)
+    at = _equations(seen, free, before, sure)
+    here, by_spot, weights, rest, spread = at.shown, at.by_spot, at.weights, at.rest, at.spread
+    by_centre, inverse = by_spot[..., 4:6] + np.eye(2), _inverse(at.normal)
     freedom = max(float(weights.sum()) - len(free), 0.0)
     excess = max(1.0, float((weights * rest**2).sum()) / freedom) if freedom > 0 else 1.0
     # a variance of few degrees of freedom counts more
     excess = 1 + (excess - 1) * float(student.ppf(0.8413, max(freedom, 1.0))) ** 2
-    gains = inverse @ (rows.T * weights) / spread.reshape(-1)
+    gains = inverse @ (at.rows.T * weights) / spread.reshape(-1)
     lenses, by_lens = _by_lens(seen, gains, by_centre, here.pupil)
     scatter = (gains * seen.variance.reshape(-1)) @ gains.T + by_lens @ by_lens.T
-    chief_slopes = _of_dots(by_chief, seen.dot, len(free))
+    chief_slopes = _of_dots(at.by_chief, seen.dot, len(free))
     return Stand(
         free[:-1].reshape(-1, 3),
         float(free[-1]),
@@ -147,6 +145,49 @@ def stand_of(seen: Seen, known: Array, start: Array, focus: float) -> Stand:
         excess,
         freedom,
     )
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Normal equations of the fit somewhere, and what they are made of: residuals over their
+    spreads, their weights, their slopes by all that is free, (2 n, free); chi squared.
+    """
+
+    shown: Shown
+    by_spot: Array
+    by_chief: Array
+    spread: Array
+    rest: Array
+    weights: Array
+    rows: Array
+    normal: Array
+    right: Array
+    cost: float
+
+
+def _equations(seen: Seen, free: Array, before: Array, sure: Array) -> _Equations:
+    """Where a fit sees the spots.
+
+    Args:
+        seen: the spots.
+        free: dots' numbers and focus.
+        before: the same as they are known before.
+        sure: inverse of their covariance then.
+    """
+    here, by_spot, by_chief = _slopes(seen, free)
+    by_centre, which = by_spot[..., 4:6] + np.eye(2), np.repeat(seen.counted, 2)
+    own = (seen.place[:, None] * np.hypot(by_centre[..., 0], by_centre[..., 1])) ** 2
+    spread = np.sqrt(seen.variance + own + (seen.focus * here.pupil) ** 2)
+    rest = np.where(which, ((seen.centroids - here.centroid) / spread).reshape(-1), 0.0)
+    typical = max(1.0, 1.4826 * float(np.median(np.abs(rest[which]))))
+    weights = np.minimum(1.0, OUTLYING * typical / np.maximum(np.abs(rest), 1e-9)) * which
+    rows = _of_dots(by_spot, seen.dot, len(free)) / spread.reshape(-1)[:, None]
+    left = before - free
+    # Huber's: beyond its limit a residual counts by its size, not by its square
+    cost = float((weights * (2 - weights) * rest**2).sum() + left @ sure @ left)
+    normal = (rows.T * weights) @ rows + sure
+    right = rows.T @ (weights * rest) + sure @ left
+    return _Equations(here, by_spot, by_chief, spread, rest, weights, rows, normal, right, cost)
 
 
 def _by_lens(seen: Seen, gains: Array, by_centre: Array, pupil: Array) -> tuple[Whole, Array]:
